@@ -4,7 +4,7 @@ import attrs
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
-from tests.faults import changed, coarse, cut, simulated
+from tests.faults import changed, cut, simulated
 
 import tvsysid as tv
 from tvsysid.preprocess import segment, subtract_mean
@@ -114,11 +114,6 @@ def test_real_records_have_only_true_findings(recordings, record, expected):
             lambda: cut(simulated(60.0, profile="constant")),
             "misaligned-realizations",
             "stiffness hardly varies",
-        ),
-        (
-            lambda: cut(coarse(tv.preprocess.decimate(simulated(80.0), 100))),
-            "feedback",
-            "in such coarse steps",
         ),
     ],
 )

@@ -50,14 +50,13 @@ def test_clean_means_no_findings_and_nothing_uncertain(spoilt, diagnosis):
     unsure = attrs.evolve(diagnosis, checks=checks)
     assert (unsure.clean, unsure.findings) == (False, ())
     assert [check.name for check in unsure.uncertain] == ["drift"]
-    assert unsure.verdict == "1 uncertain in 29 of 34 checks, nothing found for sure"
+    assert unsure.verdict == "no fault found in 29 of 34 checks, 1 uncertain"
 
 
 def test_measures_and_curves_are_those_of_the_joint(diagnosis):
     measures = {name: value for name, (value, _) in diagnosis.measures.items()}
     expected = {"mean stiffness": 100, "inertia": 0.02, "natural frequency": 11.25}
     assert {name: measures[name] for name in expected} == pytest.approx(expected, rel=0.03)
-    assert measures["coherence within the bandwidth"] > 0.85
     assert 6 < measures["bandwidth of the angle"] < 12  # a second-order low-pass at 5 Hz
     assert measures["angle RMS"] == pytest.approx(np.radians(0.5), rel=0.05)
     assert measures["signal-to-noise ratio"] == pytest.approx(11.2, abs=0.5)  # 10 dB up to 500 Hz
@@ -74,12 +73,8 @@ def test_measures_and_curves_are_those_of_the_joint(diagnosis):
     ("given", "expected", "advice"),
     [
         ([1, 2], "expected an Ensemble, got list", "tvsysid.preprocess.segment"),
-        ("one", "at least two realizations to compare, got one", "shorter period"),
-        (
-            "short",
-            "derivatives are known at 16 samples of a realization at 100 Hz, but 30 are needed",
-            "0.12 s of context",
-        ),
+        ("one", "at least 2 realizations .* got 1 with", "another period"),
+        ("short", "30 samples at which derivatives are known, got .* with 16 at 100 Hz", "context"),
     ],
 )
 def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):

@@ -121,7 +121,6 @@ def stiffened(recording):
         # Clipping shows better before decimation.
         (lambda: cut(faults.clipped(brief(), "torque", 2.0)), set(), {"clipped-torque"}),
         (lambda: cut(faults.zero(brief(), "torque")), {"lost-torque"}, ()),
-        (lambda: uncut(faults.held(brief(), "torque", length=0.1)), {"lost-torque"}, ()),
         (lambda: cut(faults.coarse(brief(), 0.5)), set(), {"sampling-rate", "delay"}),
         (lambda: cut(smoothed_both_ways(brief())), {"feedback"}, {"delay"}),
         (lambda: cut(faults.giving_way()), {"feedback"}, {"delay"}),

@@ -8,8 +8,7 @@ from scipy.stats import ttest_1samp
 from tests.faults import cut, simulated
 
 import tvsysid as tv
-from tvsysid.quality.fit import SecondOrderFit
-from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.fit import FittedEnsemble, SecondOrderFit
 from tvsysid.quality.resampling import lowered
 from tvsysid.quality.statistics import SIGNIFICANT, is_mean_significant
 
@@ -68,7 +67,7 @@ def test_the_mean_impedance_and_its_error_are_right():
 @given(st.integers(0, 100), st.integers(3, 30), st.integers(20, 60))
 def test_the_partitioned_fit_is_the_dense_one(seed, realizations, samples):
     motion = np.random.default_rng(seed).normal(size=(4, realizations, samples))
-    fit = SecondOrderFit(motion[:3], motion[3], 100.0)
+    fit = SecondOrderFit(motion[:3], motion[3])
     inside = fit.bins == np.arange(fit.bins.max() + 1)[:, None]
     columns = (motion[:2, None] * inside[:, None]).reshape(-1, motion[3].size)
     dense = np.vstack([columns, motion[2].ravel()]).T

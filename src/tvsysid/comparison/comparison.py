@@ -94,14 +94,13 @@ class Comparison:
     @cached_property
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the channels that the methods use."""
-        every = [item for label in self.models for item in self.methods[label].inputs]
-        inputs = {item.kind: item.name for item in every}
-        adaptive = [self.models[label] for label in self._adaptive]
+        methods = [self.methods[label] for label in self.models]
+        inputs = {item.kind: item.name for method in methods for item in method.inputs}
         return recommend(
             self.ensemble,
             inputs.get("reference"),
             inputs.get("scheduling"),
-            model=adaptive[0] if adaptive else None,
+            model=next((self.models[label] for label in self._adaptive), None),
             diagnosis=None if "reference" in inputs else self.diagnosis,
         )
 
@@ -145,15 +144,19 @@ class Comparison:
         unnamed_references
             A sentence for each channel outside the ensemble that moves the angle.
         """
-        label, given = self.leading, self.recommendation
+        given, label = self.recommendation, self.leading
         recommendation = attrs.evolve(
             given,
             diagnosis=diagnosis or given.diagnosis,
             unnamed_references=(*unnamed_references, *given.unnamed_references),
         )
-        vafs = (held_out_vaf or {}).get(label, np.array([]))
-        method, is_suited = self.methods[label], label in self.suited
-        return trust_in(self.models[label], method, recommendation, is_suited, vafs)
+        return trust_in(
+            self.models[label],
+            self.methods[label],
+            recommendation,
+            label in self.suited,
+            (held_out_vaf or {}).get(label, np.array([])),
+        )
 
     def __repr__(self) -> str:
         failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
@@ -179,26 +182,27 @@ class Comparison:
         It has means over time, extremes of the stiffness with their times, and the VAF. The column
         names hold the units. ``half_band`` is the mean half width of the stiffness's 95 % band.
         """
+        import pandas as pd  # noqa: PLC0415  # heavy
+
         rows = []
         for label, model in self.models.items():
             stiffness, (lower, upper) = model.stiffness, self.bands[label]["stiffness"]
             lowest = np.argmin(np.nan_to_num(stiffness, nan=np.inf))
             highest = np.argmax(np.nan_to_num(stiffness, nan=-np.inf))
-            rows.append(
-                {
-                    "method": [label],
-                    "stiffness (N·m/rad)": mean_of(stiffness),
-                    "half_band (N·m/rad)": mean_of((upper - lower) / 2),
-                    "lowest (N·m/rad)": stiffness[lowest],
-                    "lowest at (s)": model.time[lowest],
-                    "highest (N·m/rad)": stiffness[highest],
-                    "highest at (s)": model.time[highest],
-                    "viscosity (N·m·s/rad)": mean_of(model.viscosity),
-                    "inertia (kg·m²)": mean_of(model.inertia),
-                    "VAF (%)": mean_of(self.vaf[label]),
-                }
-            )
-        return _joined(rows)
+            row = {
+                "method": label,
+                "stiffness (N·m/rad)": mean_of(stiffness),
+                "half_band (N·m/rad)": mean_of((upper - lower) / 2),
+                "lowest (N·m/rad)": stiffness[lowest],
+                "lowest at (s)": model.time[lowest],
+                "highest (N·m/rad)": stiffness[highest],
+                "highest at (s)": model.time[highest],
+                "viscosity (N·m·s/rad)": mean_of(model.viscosity),
+                "inertia (kg·m²)": mean_of(model.inertia),
+                "VAF (%)": mean_of(self.vaf[label]),
+            }
+            rows.append(row)
+        return pd.DataFrame(rows)
 
     def over_time(self) -> pd.DataFrame:
         """Return a table with a row for each method and time.

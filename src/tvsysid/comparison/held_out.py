@@ -69,16 +69,14 @@ def _held_out(
     kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
 
     def deviation(values: Array) -> Array:
-        return values - mean_known(values[kept]) if ensemble.mean_subtracted else values
+        return np.asarray(values - ensemble.mean_subtracted * mean_known(values[kept]))
 
-    torque = deviation(ensemble.torque)
-    blanked = torque.copy()
-    blanked[held_out] = 0.0  # hide it from a method that reads the torque to predict it
-    channels = dict(ensemble.channels)
-    for name in centered_channels([method]):
-        channels[name] = deviation(channels[name])
-    angle = deviation(ensemble.angle)
-    given = attrs.evolve(ensemble, angle=angle, torque=blanked, channels=channels)
+    angle, torque = deviation(ensemble.angle), deviation(ensemble.torque)
+    centered = {name: deviation(ensemble.signal(name)) for name in centered_channels([method])}
+    measured = torque[held_out, ensemble.core]
+    torque[held_out] = 0.0  # hide it from a method that reads the torque to predict it
+    channels = {**ensemble.channels, **centered}
+    given = attrs.evolve(ensemble, angle=angle, torque=torque, channels=channels)
     try:
         with warnings.catch_warnings():
             # The fit to all realizations has warned already.
@@ -86,7 +84,7 @@ def _held_out(
             predicted = deviation(method.refit(given.select(kept), model).predict(given))
     except Exception as error:  # a user's method may raise anything; the others go on
         return describe_error(error)
-    return vaf(torque[held_out, ensemble.core], predicted[held_out])
+    return vaf(measured, predicted[held_out])
 
 
 Task = Callable[[], Array | str]
@@ -98,14 +96,12 @@ def _results(tasks: Sequence[Task], jobs: int) -> Iterator[Array | str]:
     if jobs == 1 or sys.platform != "linux":
         yield from (task() for task in tasks)
         return
-    workers = min(len(tasks), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
-    with ProcessPoolExecutor(workers, get_context("fork"), _start_worker, (tasks,)) as pool:
-        yield from pool.map(_run, range(len(tasks)))
-
-
-def _start_worker(tasks: Sequence[Task]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its workers
     _tasks[:] = tasks
+    workers = min(len(tasks), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
+    # Ctrl-C ends the parent, which ends its workers.
+    start = signal.signal, (signal.SIGINT, signal.SIG_IGN)
+    with ProcessPoolExecutor(workers, get_context("fork"), *start) as pool:
+        yield from pool.map(_run, range(len(tasks)))
 
 
 def _run(number: int) -> Array | str:

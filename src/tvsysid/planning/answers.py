@@ -23,6 +23,7 @@ from tvsysid.planning.curves import (
     measure_excess,
     measure_rise,
     scatter,
+    sizes_of,
     successful,
 )
 from tvsysid.planning.setups import Pilot, Setup, seconds_of
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 METHODS = ("adaptive", "sds", "birf", "kbr")
-MAX_DURATION_S, MAX_REALIZATIONS = 2400.0, 320  # of the largest ensemble that is simulated
 EXTRAPOLATION = 10  # times as many realizations are answered by the law that was found
 DRAWS, STEP_DRAWS = 18, 4  # ensembles of each size, and with a step
 HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
@@ -191,19 +191,18 @@ def plan(
     seed
         Random seed of the simulations.
     progress
-        Function that is called with the number of steps done and of all: two for each method in
-        each setup.
+        Function that is called with the number of steps done and of all: one for each method and
+        size of ensembles, and one for its answer.
 
     Raises
     ------
     InputError
-        For a precision or resolution that is not positive, too few draws, unknown methods, or a
-        period that is too long to simulate.
+        For a precision or resolution that is not positive, too few draws, or unknown methods.
 
     Notes
     -----
-    Beyond the largest number that is simulated (320 realizations or 40 minutes), variance goes on
-    falling as it did, up to ten times as many. Random error is that of
+    Beyond the largest number that is simulated (320 realizations, 80 of a pilot, or 40 minutes),
+    variance goes on falling as it did, up to ten times as many. Random error is that of
     :func:`tvsysid.metrics.random_error`. The plan does not know of a joint that differs from
     realization to realization, or tires.
 
@@ -223,22 +222,27 @@ def plan(
     chosen = {label_of(each): parse(each) if isinstance(each, str) else each for each in named}
     if not chosen:
         raise InputError("plan: expected at least one method, got none")
+    sizes = {label: sizes_of(each) for label, each in setups.items()}
+    steps, total = count(), sum(len(each) + 1 for each in sizes.values()) * len(chosen)
+
+    def advance() -> None:
+        progress(next(steps), total)
+
+    advance()
     curves: dict[tuple[str, str], Curve] = {}
     answers, excess = list[Answer](), dict[tuple[int, str], float]()
-    steps, total = count(), 2 * len(setups) * len(chosen)
-    progress(next(steps), total)
     for label, each in setups.items():
-        most, needed = _most(each), dict[str, int | None]()
+        most = sizes[label][-1]
         records = [each.simulated(most, seed + number) for number in range(RECORDS)]
+        needed = dict[str, int | None]()
         for name, method in chosen.items():
-            curve = measure_curve(method, records, most, draws)
+            curve = measure_curve(method, records, sizes[label], draws, advance)
             if isinstance(each, Pilot):
                 which = id(each.recorded), name  # all setups of a pilot have the same
-                excess[which] = excess.get(which) or measure_excess(method, each, draws, seed)
+                excess[which] = excess.get(which) or measure_excess(method, each, seed)
                 curve = attrs.evolve(curve, excess=excess[which])
             curves[label, name] = curve
             needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)
-            progress(next(steps), total)
         counts = {name: min(number or most, most) for name, number in needed.items()}
         stepped = each.stepped()
         record = stepped and stepped.simulated(max(counts.values()), seed + RECORDS)
@@ -248,20 +252,19 @@ def plan(
                 rise = measure_rise(chosen[name], record, counts[name], STEP_DRAWS)
             why = [] if number else [_why_not(curve, most, precision)]
             if resolution is not None and not rise <= resolution:
-                takes = f"takes {rise:.2g} s" if math.isfinite(rise) else "is too slow"
-                why.append(f"it {takes} to follow a step")
+                why.append(f"it takes {rise:.2g} s to follow a step")
             random, bias = curve.at(number or most)
             seconds, half_width = seconds_of(each, number or most), HALF_BAND * random
             reached = (seconds, half_width, bias, rise, curve.excess)
             answers.append(Answer(label, name, number, *reached, "; ".join(why)))
-            progress(next(steps), total)
+            advance()
     return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
 
 
 def _by_label(given: Ensemble | Setup | Sequence[Ensemble | Setup]) -> dict[str, Setup]:
     """Return the setups by label; of a pilot's ensemble, what it shows."""
-    by_label, several = dict[str, Setup](), given if isinstance(given, Sequence) else [given]
-    for each in several:
+    by_label = dict[str, Setup]()
+    for each in given if isinstance(given, Sequence) else [given]:
         if not isinstance(each, Ensemble | Setup):
             raise InputError(
                 "plan: expected a pilot's Ensemble, a Protocol or a Pilot, got "
@@ -269,20 +272,7 @@ def _by_label(given: Ensemble | Setup | Sequence[Ensemble | Setup]) -> dict[str,
             )
         setup = Pilot.of(each) if isinstance(each, Ensemble) else each
         by_label[str(setup)] = setup
-    if len(by_label) < max(1, len(several)):
-        raise InputError("plan: expected setups that differ in perturbation or amplitude")
     return by_label
-
-
-def _most(setup: Setup) -> int:
-    """Return the number of realizations in the largest ensemble that is simulated."""
-    most = min(MAX_REALIZATIONS, int(MAX_DURATION_S / setup.period))
-    if most < 10:
-        raise InputError(
-            f"plan: realizations of {setup.period:g} s are too long to plan with: 240 s are the "
-            "most"
-        )
-    return most
 
 
 def _why_not(curve: Curve, most: int, precision: float) -> str:

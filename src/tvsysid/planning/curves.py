@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,12 +16,14 @@ import scipy
 from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.methods import Method
 from tvsysid.metrics import debiased_bias_error, random_error, rise_time
-from tvsysid.planning.setups import Pilot, Simulated
+from tvsysid.planning.setups import Pilot, Setup, Simulated
 from tvsysid.preprocess import subtract_mean
 from tvsysid.signals import Array, Ensemble
 
-MIN_REALIZATIONS = 5  # of the smallest ensembles
+MIN_REALIZATIONS = 5  # realizations of the smallest ensembles
 RECORDS = 6  # simulated recordings from which ensembles are cut
+MAX_DURATION_S = 2400.0  # of the largest ensemble that is simulated
+SPLITS = 4  # of a pilot into random halves
 # Relative standard error of a random error below which no more ensembles are identified.
 MAX_UNCERTAINTY = 0.1
 BIAS_OCTAVES = 2.5  # of realizations over which a bias is averaged
@@ -117,25 +119,37 @@ class Curve:
         return counts[place] if place < len(counts) else None
 
 
-def measure_curve(method: Method, records: Sequence[Simulated], most: int, draws: int) -> Curve:
-    """Return the curve of a method from ensembles of simulated records of ``most`` realizations.
+def sizes_of(setup: Setup) -> list[int]:
+    """Return numbers of realizations to simulate, each twice the one before."""
+    most = min(setup.most_simulated, int(MAX_DURATION_S / setup.period))
+    octaves = max(1, int(math.log2(most / MIN_REALIZATIONS)))
+    return [round(most / 2**octave) for octave in range(octaves, -1, -1)]
 
-    The numbers of realizations go up to ``most``, each twice the one before.
+
+def measure_curve(
+    method: Method,
+    records: Sequence[Simulated],
+    sizes: Iterable[int],
+    draws: int,
+    advance: Callable[[], None],
+) -> Curve:
+    """Return the curve of a method from ensembles of these sizes, cut from simulated records.
+
+    ``advance`` is called after each size.
     """
     rows, why = [], ""
-    for octave in range(int(math.log2(most / MIN_REALIZATIONS)), -1, -1):
-        count = round(most / 2**octave)
+    for count in sizes:
         parts = list(cut(records, count, draws))
-        truth = np.mean([part.stiffness for part in parts], axis=(0, 1))
-        ensembles = [part.ensemble for part in parts]
-        values, reason = identify_each(method, ensembles, MAX_UNCERTAINTY)
+        values, reason = identify_each(method, [each.ensemble for each in parts], MAX_UNCERTAINTY)
         known, why = successful(values), reason or why
         if len(known) > 1 and np.isfinite(known).all(axis=0).any():
+            truth = np.mean([each.stiffness for each in parts], axis=(0, 1))
             rows.append((count, scatter(known), debiased_bias_error(known, truth), len(known)))
+        advance()
     return Curve.of(rows, why)
 
 
-def measure_excess(method: Method, pilot: Pilot, draws: int, seed: int) -> float:
+def measure_excess(method: Method, pilot: Pilot, seed: int) -> float:
     """Return how many times as much a method's stiffness scatters in a pilot as simulated.
 
     Random halves of the pilot are compared with simulated ensembles as large: root mean square
@@ -148,18 +162,16 @@ def measure_excess(method: Method, pilot: Pilot, draws: int, seed: int) -> float
     if half < MIN_REALIZATIONS:
         return 1.0
     own = attrs.evolve(pilot, perturbation=None, amplitude=pilot.recorded_amplitude)
-    size = half * math.ceil(draws / RECORDS)
-    records = [own.simulated(size, seed + number) for number in range(RECORDS)]
-    simulated = [each.ensemble for each in cut(records, half, draws)]
-    known = successful(identify_each(method, simulated, MAX_UNCERTAINTY / 2)[0])
-    orders = [random.permutation(len(recorded)) for _ in known]
+    simulated = (own.simulated(half, seed + number).ensemble for number in range(RECORDS))
+    known = successful(identify_each(method, simulated)[0])
+    orders = [random.permutation(len(recorded)) for _ in range(SPLITS)]
     pairs = [
         identify_each(method, (recorded.select(np.sort(order[part])) for order in orders))[0]
         for part in (slice(half), slice(half, 2 * half))
     ]
-    apart = successful(np.subtract(*pairs))
-    expected = [known[i] - known[j] for i in range(len(known)) for j in range(i)]
-    if not expected or not len(apart):
+    apart, among = successful(np.subtract(*pairs)), np.triu_indices(len(known), 1)
+    expected = known[among[0]] - known[among[1]]
+    if not len(expected) or not len(apart):
         return 1.0
     # The median, because a method may break down in one of them.
     typical, promised = (

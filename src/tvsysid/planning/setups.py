@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 from scipy.fft import irfft, next_fast_len, rfftfreq
 
-from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods import AdaptiveRegression, KernelRegression, label_of, resolve
+from tvsysid.errors import DataQualityWarning
+from tvsysid.methods import AdaptiveRegression, label_of, resolve
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, Recording
@@ -90,6 +90,7 @@ class Protocol:
     rate: float = attrs.field(default=100.0, validator=positive)
 
     context = 0.5  # s beside each realization
+    most_simulated = 320  # realizations
 
     def __attrs_post_init__(self) -> None:
         self._parts  # noqa: B018  # raises for unknown names
@@ -176,16 +177,18 @@ class Pilot:
     amplitude: float = attrs.field(validator=positive)
     perturbation: str | Perturbation | None = None
 
+    most_simulated = 80  # realizations; a pilot does not tell what more of them would show
+
     @classmethod
     def of(cls, ensemble: Ensemble) -> Pilot:
-        """Identify a pilot's ensemble by ``adaptive``, or by ``kbr`` with too few realizations.
+        """Identify a pilot's ensemble by ``adaptive``.
 
         The noise is the torque that the model leaves. Both spectra are means over realizations.
 
         Raises
         ------
         InputError
-            If nothing can be identified.
+            For fewer than four realizations.
 
         Warns
         -----
@@ -193,35 +196,24 @@ class Pilot:
             Of a reflex, which is not simulated, and of a negative stiffness.
         """
         recorded = ensemble
-        if not ensemble.mean_subtracted and len(ensemble) > 1:
+        if not ensemble.mean_subtracted:
             ensemble = subtract_mean(ensemble)
-        adaptive = AdaptiveRegression()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataQualityWarning)  # a diagnosis says it better
-            model = (KernelRegression() if adaptive.skip(ensemble) else adaptive).identify(ensemble)
+            model = AdaptiveRegression().identify(ensemble)
         if "reflex_gain" in model.estimates:
             warnings.warn(REFLEX, DataQualityWarning, stacklevel=2)
-        if np.nanmean(model.stiffness) < 0:
+        if np.mean(model.stiffness) < 0:
             warnings.warn(NEGATIVE, DataQualityWarning, stacklevel=2)
-        known = np.isfinite(model.stiffness)
-        if not known.any():
-            raise InputError(
-                "pilot: the stiffness could not be identified; record more, or state the joint"
-            )
-        residual = (ensemble.torque[:, ensemble.core] - model.predict(ensemble))[:, known]
+        residual = ensemble.torque[:, ensemble.core] - model.predict(ensemble)
         # The mean over realizations took a part of the variance away.
-        scale = len(ensemble) / (len(ensemble) - 1) if ensemble.mean_subtracted else 1.0
+        scale = len(ensemble) / (len(ensemble) - 1)
         frequencies, noise = _density(residual, ensemble.sampling_rate)
         movement = np.interp(frequencies, *_density(ensemble.angle, ensemble.sampling_rate))
-        # The nearest known values stand for those at the ends.
-        stiffness, viscosity = (
-            np.interp(ensemble.time, ensemble.time[known], each[known])
-            for each in (model.stiffness, model.viscosity)
-        )
         return cls(
-            stiffness,
-            viscosity,
-            inertia=float(np.nanmean(model.inertia)),
+            model.stiffness,
+            model.viscosity,
+            float(np.mean(model.inertia)),
             frequencies=frequencies,
             movement=movement * scale,
             noise=noise * scale,

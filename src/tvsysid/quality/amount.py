@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,16 +10,20 @@ from tvsysid.numerics.moments import sliding_sum
 from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.checks import Measured, NotApplicable, check
-from tvsysid.quality.fit import constant_impedance
-from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, NOT_IDENTIFIABLE, FittedEnsemble
-from tvsysid.quality.statistics import is_mean_significant
+from tvsysid.quality.fit import (
+    MIN_EXPLAINED,
+    NO_RESPONSE,
+    SI_UNITS,
+    FittedEnsemble,
+    constant_impedance,
+)
+from tvsysid.quality.statistics import TINY
 from tvsysid.signals import Array
 
 MAX_RELATIVE_ERROR = 9.99  # shown
 NOISE_BAND = 0.25  # of the sampling rate: above, a joint hardly moves, but sensors have noise
+MIN_CHANCE = 1e-6  # share of a mean's RMS that chance leaves at least
 DIGITS = 9  # after the point, in standard deviations, in which copies agree
-MAX_RATIO = 1e6  # shown
-STILL_POWER = 1e-6  # share of the angle's mean power below which it does not move
 # Variance inflation of stiffness by velocity and acceleration, above which it is unknown, and the
 # share of samples that may have it.
 MAX_INFLATION, MAX_RINGING = 15.0, 0.01
@@ -81,17 +84,10 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
     fit = data.fit
     whitened = constant_impedance(fit.whitened(fit.motion), fit.whitened(fit.torque))
     values, errors = np.array([fit.mean_impedance, whitened])[:, :, [0, 2]].swapaxes(0, 1)
-    if not np.isfinite(values[0]).all():
-        return Measured(100 * MAX_RELATIVE_ERROR, NOT_IDENTIFIABLE)
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.nan_to_num(np.abs(errors / values), nan=np.inf)
-    best = np.argmin(relative.max(axis=1))
-    worst = np.argmax(relative[best])
-    size = 100 * min(relative[best, worst], MAX_RELATIVE_ERROR)
-    name, unit = (("stiffness", "N·m/rad"), ("inertia", "kg·m²"))[worst]
-    value, error = values[best, worst], errors[best, worst]
-    what = f"the data give a mean {name} of {value:.3g} ± {error:.2g} {unit}, ± {size:.2g} %"
-    return Measured(size, what)
+        worst = np.nan_to_num(np.abs(errors / values), nan=np.inf).max(axis=1)
+    size = 100 * min(worst.min(), MAX_RELATIVE_ERROR)
+    return Measured(size, f"the data give the mean stiffness and the inertia to ± {size:.2g} %")
 
 
 @check(
@@ -105,20 +101,16 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
     remedy="draw a new random perturbation for every realization; these data cannot be repaired",
 )
 def same_perturbation(data: FittedEnsemble) -> Measured:
-    """Return the share of the angle that repeats, or is noise, where no torque responds to it."""
-    edge, given, core = NOISE_BAND * data.rate, data.ensemble, data.ensemble.core
+    """Return the share of noise in what differs of the angle, where no torque responds to it."""
+    edge = NOISE_BAND * data.rate
     white = 100 * power_share(data.core("angle"), data.rate, edge)
-    angle = given.angle[:, core] - given.angle[:, core].mean()
-    common = 100 * (np.mean(angle.mean(axis=0) ** 2) / np.mean(angle**2) - 1 / len(data))
-    what = f"{common:.0f} % of the angle's variance is common to all realizations"
-    if white > common:
-        what = (
-            f"{white:.0f} % of the variance by which the angle differs between realizations lies "
-            f"above {edge:g} Hz"
-        )
+    what = (
+        f"{white:.0f} % of the variance by which the angle differs between realizations lies "
+        f"above {edge:g} Hz"
+    )
     if data.fit.explained >= MIN_EXPLAINED:
         return Measured(0.0, f"{what}, but the torque responds to what differs")
-    return Measured(max(white, common), f"{what}, and {NO_RESPONSE} where realizations differ")
+    return Measured(white, f"{what}, and {NO_RESPONSE} where realizations differ")
 
 
 @check(
@@ -138,8 +130,6 @@ def repeated_realizations(data: FittedEnsemble) -> Measured:
     first = np.unique(rounded.swapaxes(0, 1), axis=0, return_index=True)[1]
     copies = np.setdiff1d(np.arange(len(data)), first)
     what = f"{len(copies)} of {len(data)} realizations are the same as another one"
-    if len(copies):
-        what += f", first realization {copies[0]}"
     return Measured(len(copies), what, realizations=tuple(copies.tolist()))
 
 
@@ -167,44 +157,29 @@ def repeated_realizations(data: FittedEnsemble) -> Measured:
 def mean_left(data: FittedEnsemble, which: str) -> Measured:
     """Compare the mean over realizations with what chance leaves of it.
 
-    Noise is alike at neighbouring times and does not average out over time. Hence a limit above 1,
-    and a test over realizations: of the products of each with the mean of the others, without its
-    neighbours.
+    Noise is alike at neighbouring times and does not average out over time: hence a limit above 1.
     """
-    data.require(response=False)
     if data.ensemble.mean_subtracted:
         raise NotApplicable("the mean over realizations has been subtracted")
     values = data.ensemble.signal(which)[:, data.ensemble.core]
-    count, unit = len(values), {"angle": "rad", "torque": "N·m"}[which]
     size = np.sqrt(np.mean(values.mean(axis=0) ** 2))
-    expected = math.sqrt(values.var(axis=0, ddof=1).mean() / count)
-    is_far = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) > 1
-    shared = np.sum(is_far * (values @ values.T), axis=1)
+    expected = math.sqrt(values.var(axis=0, ddof=1).mean() / len(values))
     what = (
-        f"the mean over realizations has an RMS of {size:.2g} {unit}; chance would leave "
-        f"{expected:.2g}"
+        f"the mean over realizations has an RMS of {size:.2g} {SI_UNITS[which]}; chance would "
+        f"leave {expected:.2g}"
     )
-    ratio = min(size / expected, MAX_RATIO) if expected > 0 else MAX_RATIO
-    return Measured(ratio, what, is_mean_significant(shared))
+    return Measured(size / max(expected, MIN_CHANCE * size, TINY), what)
 
 
-def unmoved_times(data: FittedEnsemble) -> Iterator[str]:
-    """Yield remarks on times at which the movement does not determine the stiffness."""
-    power = np.mean(data.core("angle") ** 2, axis=0)
-    still = np.flatnonzero(power < STILL_POWER * power.mean())
-    if len(still):
-        yield (
-            f"the angle is still in all realizations at {len(still)} of {data.ensemble.samples} "
-            f"samples, the first at {still[0] / data.rate:.3g} s: no stiffness is identifiable "
-            "there"
-        )
-    ringing = np.mean(angle_inflation(data.fit.motion, data.rate) > MAX_INFLATION)
-    if ringing > MAX_RINGING:
-        yield (
-            f"at {100 * ringing:.0f} % of the samples the angle moves like a free oscillation: "
-            "stiffness there comes from other times or from noise, and no band counts that; "
-            "perturb without rests and at more frequencies, or take the joint as constant (pc)"
-        )
+def ringing(data: FittedEnsemble) -> tuple[str, ...]:
+    """Return a remark if the movement does not determine the stiffness at many times."""
+    share = np.mean(angle_inflation(data.fit.motion, data.rate) > MAX_INFLATION)
+    remark = (
+        f"at {100 * share:.0f} % of the samples the angle moves like a free oscillation: "
+        "stiffness there comes from other times or from noise, and no band counts that; "
+        "perturb without rests and at more frequencies, or take the joint as constant (pc)"
+    )
+    return (remark,) if share > MAX_RINGING else ()
 
 
 def angle_inflation(motion: Array, rate: float) -> Array:
@@ -215,8 +190,8 @@ def angle_inflation(motion: Array, rate: float) -> Array:
     pulses or sines move a joint, and infinite where it rings freely or moves at one frequency.
     """
     reach = max(MIN_WINDOW_S, 1 / motion.shape[1])
-    half = max(0, min(round(reach * rate), (motion.shape[2] - 1) // 2))
-    middles = slice(half, motion.shape[2] - half, max(1, half))
+    half = max(1, min(round(reach * rate), (motion.shape[2] - 1) // 2))
+    middles = slice(half, motion.shape[2] - half, half)
     moments = sliding_sum(np.einsum("art,brt->tab", motion, motion), half, half)[middles]
     inverse = second_order_fit(moments, moments[:, 0]).inverse
     return np.nan_to_num(inverse[:, 0, 0] * moments[:, 0, 0], nan=np.inf)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
-from tvsysid.quality.fitted import NOT_IDENTIFIABLE, FittedEnsemble
+from tvsysid.quality.fit import FittedEnsemble
+from tvsysid.quality.statistics import TINY
 from tvsysid.recordings.read import MAX_ANGLE_RMS_RAD
 from tvsysid.signals import Array
 
@@ -31,9 +32,7 @@ def same_channel(data: FittedEnsemble) -> Measured:
     Noise, viscosity and inertia keep that of a joint below 100 %.
     """
     size = np.linalg.norm(data.angle) * np.linalg.norm(data.torque)
-    if size == 0:
-        raise NotApplicable("a channel does not move")
-    value = 100 * abs(np.sum(data.angle * data.torque)) / size
+    value = 100 * abs(np.sum(data.angle * data.torque)) / max(size, TINY)
     return Measured(value, f"the correlation of angle and torque is {value:.4g} %")
 
 
@@ -42,7 +41,7 @@ def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
     data.require(0)
     values, errors = data.fit.mean_impedance
     if not np.isfinite(values).all():
-        raise NotApplicable(NOT_IDENTIFIABLE)
+        raise NotApplicable("stiffness, viscosity and inertia are not separately identifiable")
     return values, errors
 
 

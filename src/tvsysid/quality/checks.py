@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.numerics.threads import single_thread
+
+MAX_LISTED = 10  # realizations in a finding's text
 
 
 class Fault(NamedTuple):
@@ -64,17 +66,15 @@ class NotApplicable(Exception):  # noqa: N818  # not an error
     """Raised by a check's function with the reason why the data do not allow the check."""
 
 
-Function = TypeVar("Function", bound=Callable[..., Measured])
+Function = Callable[..., Measured]
 
 FAULTS: dict[str, Fault] = {}
 """Faults by name, in the order in which they are reported."""
 
-_FUNCTIONS: dict[str, Callable[..., Measured]] = {}
+_FUNCTIONS: dict[str, Function] = {}
 
 
-def check(
-    name: str, *fault: Any, which: str | None = None, **words: Any
-) -> Callable[[Function], Function]:
+def check(name: str, *fault: Any, which: str = "", **words: Any) -> Callable[[Function], Function]:
     """Register the function that measures a fault.
 
     Parameters
@@ -160,8 +160,7 @@ class Finding:
         """
         if not self.judged:
             return "–"
-        fault, size = self.fault, abs(self.value)
-        value = "0" if size < 1e-9 else f"{self.value:.3g}" if size < 1e4 else f"{self.value:.2g}"
+        fault, size, value = self.fault, abs(self.value), f"{self.value:.3g}"
         unit = fault.unit.removesuffix("s") if value == "1" else fault.unit
         if fault.wrong == "below" or size < fault.lowest:
             allowed = f"at least {fault.lowest or fault.limit:g}"
@@ -181,6 +180,9 @@ def judge(name: str, *arguments: object) -> Finding:
         value, what, significant, realizations = _FUNCTIONS[name](*arguments)
     except NotApplicable as reason:
         return Finding(name, math.nan, str(reason), significant=False)
+    if realizations:
+        more = ", …" * (len(realizations) > MAX_LISTED)
+        what += f" (realizations {', '.join(map(str, realizations[:MAX_LISTED]))}{more})"
     return Finding(name, float(value), what, bool(significant), realizations)
 
 

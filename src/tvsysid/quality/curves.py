@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import attrs
 import numpy as np
 from scipy.fft import rfft, rfftfreq
 
 from tvsysid.numerics.spectra import hann, short_time_spectra
-from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.statistics import lagged
+from tvsysid.quality.fit import FittedEnsemble
+from tvsysid.quality.statistics import TINY, lagged
 from tvsysid.signals import Array
 
 COHERENCE_S, SPECTRUM_S = 0.64, 2.0  # lengths of segments
@@ -63,34 +65,30 @@ class Curves:
 
 def curves(data: FittedEnsemble) -> Curves:
     """Return what the figures show."""
-    fit = data.fit
-    length = min(fit.torque.shape[1], round(SPECTRUM_S * data.rate))
+    fit, rate, ensemble = data.fit, data.rate, data.ensemble
+    length = min(fit.torque.shape[1], round(SPECTRUM_S * rate))
     signals = np.stack([fit.motion[0], fit.torque, fit.residual])[..., :length]
     squares = np.mean(np.abs(rfft(signals * hann(length))) ** 2, axis=1)
-    angle, torque, residual = 2 * squares / (data.rate * np.sum(hann(length) ** 2))
+    angle, torque, residual = 2 * squares / (rate * np.sum(hann(length) ** 2))
+    half = min(round(COHERENCE_S * rate), data.angle.shape[1]) // 2
+    spectra = short_time_spectra(data.angle, data.torque, 2 * half)
+    coherence = np.abs(spectra.yu) ** 2 / np.maximum(spectra.uu * spectra.yy, TINY)
+    time = (np.arange(len(coherence)) + half - ensemble.context) / rate
+    inside = (time >= 0) & (time < ensemble.duration)
     return Curves(
-        rfftfreq(length, 1 / data.rate),
+        rfftfreq(length, 1 / rate),
         angle,
         torque,
         residual,
-        *_coherence(data),
-        data.time,
-        np.stack([fit.of(half).impedance[0] for half in data.halves]),
+        coherence[inside],
+        time[inside],
+        rfftfreq(2 * half, 1 / rate),
+        (np.arange(data.region.start, data.region.stop) - ensemble.context) / rate,
+        np.stack([fit.of(each).impedance[0] for each in data.halves]),
         fit.relative_stiffness[data.order],
         fit.relative_noise[data.order],
         *_correlation(data),
     )
-
-
-def _coherence(data: FittedEnsemble) -> tuple[Array, Array, Array]:
-    """Return coherence, with its times and frequencies."""
-    half = min(round(COHERENCE_S * data.rate), data.angle.shape[1]) // 2
-    spectra = short_time_spectra(data.angle, data.torque, 2 * half)
-    power = spectra.uu * spectra.yy
-    coherence = np.abs(spectra.yu) ** 2 / np.where(power > 0, power, np.inf)
-    time = (np.arange(len(coherence)) + half - data.ensemble.context) / data.rate
-    inside = (time >= 0) & (time < data.ensemble.duration)
-    return coherence[inside], time[inside], rfftfreq(2 * half, 1 / data.rate)
 
 
 def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
@@ -99,12 +97,11 @@ def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
     All lags use the same samples.
     """
     residual, speed = data.fit.white_residual, np.abs(np.gradient(data.angle, axis=1))
+    causes = np.stack([data.unpredicted(each) for each in (data.angle, speed - speed.mean(axis=0))])
     last = residual.shape[1]
     reach = min(round(MAX_LAG_S * data.rate), last // 3)
-    signals = (data.angle, speed - speed.mean(axis=0))
-    causes = np.stack([data.unpredicted(signal) for signal in signals])
-    scale = np.sqrt(np.mean(causes**2, axis=(1, 2)) * np.mean(residual**2))
-    lags, used = np.arange(-reach, reach + 1), causes[:, :, reach : last - reach]
+    lags, used = np.arange(-reach, reach + 1), causes[..., reach : last - reach]
     products = np.einsum("crt,lrt->cl", used, lagged(residual, -lags, reach, last - reach))
-    correlation = products / used[0].size / np.where(scale > 0, scale, np.inf)[:, None]
-    return lags / data.rate, correlation, float(1.96 / np.sqrt(used[0].size))
+    scale = np.sqrt(np.mean(causes**2, axis=(1, 2)) * np.mean(residual**2)) * used[0].size
+    correlation = products / np.maximum(scale, TINY)[:, None]
+    return lags / data.rate, correlation, 1.96 / math.sqrt(used[0].size)

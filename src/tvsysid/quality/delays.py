@@ -10,21 +10,23 @@ from numpy.typing import NDArray
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
-from tvsysid.quality.fit import SecondOrderFit, low_passed
-from tvsysid.quality.fitted import MIN_EXPLAINED, NO_RESPONSE, FittedEnsemble, later
+from tvsysid.quality.fit import (
+    MIN_EXPLAINED,
+    NO_RESPONSE,
+    FittedEnsemble,
+    SecondOrderFit,
+    later,
+    low_passed,
+)
 from tvsysid.quality.statistics import is_mean_significant, is_significant
 
 MAX_DELAY_S = 0.1
 FINE_SHIFTS = np.linspace(-1, 1, 9)  # samples beside the best whole one
-STEPS, MAX_STEP_SAMPLES = 3, 1.5  # of Gauss-Newton
+STEPS = 3  # of Gauss-Newton
 PARTS = 10  # of a realization, over which a delay must not scatter more than over realizations
-# Ratio of what fits leave without and with the best shift: above the first, the steps start at that
-# shift, which is too far away for them; above the second, the delay is clear.
-FAR, CLEAR = 1.05, 1.3
 MAX_LAST_STEP = 0.015  # share of a delay; what noise or a misfit looks like does not settle
-MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angle hides inertia
-LARGE_DELAY_MS = 15.0  # no noise in the angle looks like one
 MIN_LOOP_SHARE = 0.3  # % of the torque that later movement predicts in a loop, after a shift
+MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angle hides inertia
 
 
 @check(
@@ -51,25 +53,27 @@ def delay(data: FittedEnsemble) -> Measured:
     in a closed loop is not judged.
     """
     samples = _best_shift(data, slice(None))
-    least = max(1 - _shifted(data, samples).explained, np.finfo(float).tiny)
-    gain = (1 - data.fit.explained) / least
-    samples *= gain > FAR
     for _ in range(STEPS):
-        step = _remaining_delay(_shifted(data, samples))[0]
-        samples += np.clip(step, -MAX_STEP_SAMPLES, MAX_STEP_SAMPLES)
-    aligned = _shifted(data, samples)
-    value = 1000 * samples / data.rate
+        samples += _remaining_delay(_shifted(data, samples))[0]
+    aligned, value = _shifted(data, samples), 1000 * samples / data.rate
     step, error, change = 1000 / data.rate * _remaining_delay(aligned)
     significant = is_significant(value, error, len(data))
     significant &= abs(value) > max(abs(change), abs(step) / MAX_LAST_STEP)
-    if significant:
-        _require_no_other_cause(data, samples, gain >= CLEAR)
-    edge = "at least " if abs(round(samples)) >= _reach(data) else ""
     old, new = (each.mean_impedance[0] for each in (data.fit, aligned))
+    if significant:
+        ratio = aligned.smooth_impedance[0][2] / new[2]
+        if not 1 / MAX_INERTIA_RATIO < ratio < MAX_INERTIA_RATIO:
+            raise NotApplicable(
+                "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like "
+                "a delay"
+            )
+        loop = data.advance(samples).finding("feedback")
+        if value < -FAULTS["delay"].limit and loop.value > MIN_LOOP_SHARE:
+            raise NotApplicable("torque noise moves the angle, which looks like an early torque")
     what = (
-        f"the torque is {edge}{abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}"
-        f"; that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and viscosity "
-        f"{old[1]:.3g} instead of {new[1]:.3g} N·m·s/rad"
+        f"the torque is {abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}; "
+        f"that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and viscosity {old[1]:.3g} "
+        f"instead of {new[1]:.3g} N·m·s/rad"
     )
     return Measured(value, what, significant)
 
@@ -85,35 +89,13 @@ def _remaining_delay(fit: SecondOrderFit) -> NDArray[np.float64]:
     delays = []
     for through in (np.asarray, fit.whitened):
         parts, *targets = (low_passed(through(each)) for each in signals)
-        alone, left = (
-            SecondOrderFit(parts, each, fit.rate).residual[:, SINC:-SINC] for each in targets
-        )
+        alone, left = (SecondOrderFit(parts, each).residual[:, SINC:-SINC] for each in targets)
         power = np.sum(alone**2)
-        if power <= 0:
-            raise NotApplicable(NO_RESPONSE)
         delays.append(float(np.sum(left * alone) / power))
     scores = (left - delays[1] * alone) * alone / power
     by_part = np.array([each.sum() for each in np.array_split(scores, PARTS, axis=1)])
     error = max(math.sqrt(len(each)) * each.std(ddof=1) for each in (scores.sum(axis=1), by_part))
     return np.array([delays[1], error, delays[0] - delays[1]])
-
-
-def _require_no_other_cause(data: FittedEnsemble, samples: float, is_clear: bool) -> None:
-    """Raise NotApplicable if something else in these data looks like a delay in samples."""
-    aligned, value = data.advance(samples), 1000 * samples / data.rate
-    ratio = aligned.fit.smooth_impedance[0][2] / aligned.fit.mean_impedance[0][2]
-    is_noise = not 1 / MAX_INERTIA_RATIO < ratio < MAX_INERTIA_RATIO
-    if is_noise and (abs(value) < LARGE_DELAY_MS or not is_clear):
-        raise NotApplicable(
-            "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like a "
-            "delay"
-        )
-    # A loop shows in what is shifted, too; or as it is, where a shift hardly helps.
-    if value < -FAULTS["delay"].limit and (
-        aligned.finding("feedback").value > MIN_LOOP_SHARE
-        or (not is_clear and data.finding("feedback").beyond)
-    ):
-        raise NotApplicable("torque noise moves the angle, which looks like an early torque")
 
 
 @check(
@@ -156,7 +138,7 @@ def _reach(data: FittedEnsemble) -> int:
 def _shifted(data: FittedEnsemble, samples: float) -> SecondOrderFit:
     """Return the fit to the torque so many samples later."""
     torque = later(data.torque, samples)[:, data.region]
-    return SecondOrderFit(data.fit.motion, torque, data.rate)
+    return SecondOrderFit(data.fit.motion, torque)
 
 
 def _best_shift(data: FittedEnsemble, realizations: NDArray[np.int64] | slice) -> float:

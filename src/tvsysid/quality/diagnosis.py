@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
-from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.threads import single_thread
 
 # Importing these modules registers their checks, in the order of the report.
@@ -23,10 +21,9 @@ from tvsysid.quality import (
     sensors,  # noqa: F401
     structure,  # noqa: F401
 )
-from tvsysid.quality.checks import FAULTS, Fault, Finding, judge
+from tvsysid.quality.checks import FAULTS, Finding, judge
 from tvsysid.quality.curves import Curves, curves
-from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.resampling import MIN_KNOWN_SAMPLES, known_samples
+from tvsysid.quality.fit import FittedEnsemble
 from tvsysid.signals import Ensemble, Recording
 
 if TYPE_CHECKING:
@@ -94,19 +91,19 @@ class Diagnosis:
         """Return a row for each check: name, state, value, limit, what, effect, remedy."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        own = ("name", "state", "found", "value", "what")
-        rows = ([*map(check.__getattribute__, own), *check.fault] for check in self.checks)
-        return pd.DataFrame(rows, columns=own + Fault._fields).drop(columns="title")
+        rows = (
+            attrs.asdict(each) | {"state": each.state, "found": each.found} | each.fault._asdict()
+            for each in self.checks
+        )
+        return pd.DataFrame(rows).drop(columns="title")
 
     @property
     def verdict(self) -> str:
         """Return the result in words, with the number of checks that apply to these data."""
-        judged = f"{sum(check.judged for check in self.checks)} of {len(FAULTS)}"
+        judged = f"{sum(check.judged for check in self.checks)} of {len(FAULTS)} checks"
         count, uncertain = len(self.findings), len(self.uncertain)
-        if uncertain and not count:
-            return f"{uncertain} uncertain in {judged} checks, nothing found for sure"
-        also = f", {uncertain} uncertain" if uncertain else ""
-        return f"{count or 'no'} fault{'' if count < 2 else 's'} found in {judged} checks{also}"
+        found = "no fault" if not count else "1 fault" if count == 1 else f"{count} faults"
+        return f"{found} found in {judged}{f', {uncertain} uncertain' if uncertain else ''}"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -189,7 +186,7 @@ def diagnose(
     Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 of 34 checks not judged:
     mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
     """
-    given = _fitted(ensemble, reference)
+    given = FittedEnsemble.of(ensemble)
     steady = realizations.without_drifting_offsets(given)
     delay = steady.finding("delay")
     data = steady.advance(delay.value * steady.rate / 1000 if delay.significant else 0.0)
@@ -206,13 +203,16 @@ def diagnose(
         others = found.keys() - OF_ANY_SIGNAL
         reasons |= dict.fromkeys(others, "angle and torque are one signal")
     found |= {name: Finding(name, math.nan, reason, False) for name, reason in reasons.items()}
-    remarks = () if found["narrow-excitation"].found else amount.unmoved_times(given)
-    checks = tuple(found[name] for name in FAULTS if name in found)
     description = (
         f"{len(ensemble)} realizations of {ensemble.duration:g} s at {ensemble.sampling_rate:g} Hz"
     )
-    shown = curves(given)
-    return Diagnosis(checks, _measures(data, shown), shown, description, tuple(remarks))
+    return Diagnosis(
+        tuple(found[name] for name in FAULTS if name in found),
+        _measures(data),
+        curves(given),
+        description,
+        () if found["narrow-excitation"].found else amount.ringing(given),
+    )
 
 
 def find_reflex(ensemble: Ensemble) -> Finding:
@@ -233,52 +233,21 @@ def diagnose_recording(recording: Recording) -> dict[str, Finding]:
     return {name: judge(name, recording) for name in ("gaps", "mains")}
 
 
-def _fitted(ensemble: Ensemble, reference: str | None) -> FittedEnsemble:
-    """Return the ensemble at some 100 Hz, without other channels. Raise if it cannot be fitted."""
-    if not isinstance(ensemble, Ensemble):
-        raise InputError(
-            f"diagnose: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
-            "tvsysid.preprocess.segment"
-        )
-    if len(ensemble) < 2:
-        raise InputError(
-            "diagnose: expected at least two realizations to compare, got one; cut the recording "
-            "with a shorter period"
-        )
-    kept = {} if reference is None else {reference: ensemble.signal(reference)}
-    data = FittedEnsemble.of(attrs.evolve(ensemble, channels=kept))
-    known = known_samples(data.ensemble.samples, data.ensemble.context)
-    if known < MIN_KNOWN_SAMPLES:
-        raise InputError(
-            f"diagnose: derivatives are known at {known} samples of a realization at {data.rate:g} "
-            f"Hz, but {MIN_KNOWN_SAMPLES} are needed; give longer realizations, or "
-            f"{HALF_WIDTH / data.rate:g} s of context"
-        )
-    return data
-
-
-def _measures(data: FittedEnsemble, shown: Curves) -> dict[str, tuple[float, str]]:
+def _measures(data: FittedEnsemble) -> dict[str, tuple[float, str]]:
     """Return values that describe an ensemble, with their units."""
     (stiffness, viscosity, inertia), _ = data.fit.mean_impedance
-    is_oscillator = stiffness * inertia > 0
-    natural = math.sqrt(stiffness / inertia) / (2 * math.pi) if is_oscillator else math.nan
     angle, explained = data.core("angle"), min(max(data.fit.explained, 1e-9), 1 - 1e-9)
     power = np.cumsum(np.mean(np.abs(np.fft.rfft(angle, axis=1)[:, 1:]) ** 2, axis=0))
     within = 1 + np.searchsorted(power, BANDWIDTH_POWER * power[-1])
-    bandwidth = within / data.ensemble.duration
-    frequency = shown.coherence_frequency
-    coherence = shown.coherence[:, (frequency > 0) & (frequency <= bandwidth)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        natural = np.sqrt(stiffness / inertia) / (2 * math.pi)
     measures = {
         "mean stiffness": (stiffness, "N·m/rad"),
         "mean viscosity": (viscosity, "N·m·s/rad"),
         "inertia": (inertia, "kg·m²"),
         "natural frequency": (natural, "Hz"),
         "angle RMS": (angle.std(), "rad"),
-        "bandwidth of the angle": (bandwidth, "Hz"),
-        "coherence within the bandwidth": (
-            np.median(coherence) if coherence.size else math.nan,
-            "1",
-        ),
+        "bandwidth of the angle": (within / data.ensemble.duration, "Hz"),
         "explained torque": (100 * data.fit.explained, "%"),
         "signal-to-noise ratio": (10 * math.log10(explained / (1 - explained)), "dB"),
     }

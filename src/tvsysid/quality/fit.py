@@ -1,26 +1,36 @@
-"""Fit a second-order joint whose stiffness and viscosity vary over time in bins."""
+"""Compute what checks share: deviations from the mean over realizations, and a fit to them."""
 
 from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import Any
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from tvsysid.errors import InputError
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
+from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.interpolation import between
 from tvsysid.numerics.second_order import second_order_fit
-from tvsysid.quality.statistics import filtered, whitener
-from tvsysid.signals import Array
+from tvsysid.quality.checks import Finding, NotApplicable, judge
+from tvsysid.quality.resampling import MIN_KNOWN_SAMPLES, known_region, lowered
+from tvsysid.quality.statistics import TINY, filtered, over_usual, whitener
+from tvsysid.signals import Array, Ensemble
 
-MIN_BIN_SAMPLES = 100  # samples of all realizations together
-MIN_BIN_S = 0.05
-MIN_LONG_BINS = 10  # minimum number of bins in a realization, if they are longer than MIN_BIN_S
-NOISE_PAST_S = 0.1  # from which noise is predicted
+MIN_BIN_SAMPLES, MIN_POOLED_SAMPLES = 5, 100  # the latter of all realizations together
+MIN_BINS = 10  # in a realization, if they are longer than the shortest
+NOISE_PAST = 10  # samples from which noise is predicted
+SIGNAL_PAST = HALF_WIDTH  # samples from which signals are predicted
 # Standard deviation in samples of a low-pass. Near half the sampling rate, noise in the angle, the
 # decimator's aliases and the errors of derivatives look like a delay or a smaller inertia.
 LOW_PASS_SAMPLES = 1.0
+MIN_EXPLAINED = 0.1  # share of the torque without which the joint has no impedance to speak of
+SI_UNITS = {"angle": "rad", "torque": "N·m"}
+NO_RESPONSE = "the torque does not respond to the angle"
 
 
 @attrs.frozen(eq=False)
@@ -35,22 +45,18 @@ class SecondOrderFit:
         Angle, velocity and acceleration, shape (3, realization, time).
     torque
         y in N·m, shape (realization, time).
-    rate
-        Sampling rate in Hz.
     """
 
     motion: Array
     torque: Array
-    rate: float
 
     @cached_property
     def bins(self) -> NDArray[np.int64]:
         """Bin of each sample, shape (time,). Few realizations need longer bins."""
         realizations, samples = self.torque.shape
-        shortest = max(1, round(MIN_BIN_S * self.rate))
-        enough = math.ceil(MIN_BIN_SAMPLES / realizations)
-        length = max(shortest, min(enough, max(samples // MIN_LONG_BINS, 1)))
-        return np.asarray(np.arange(samples) // length).clip(max=max(1, samples // length) - 1)
+        enough = min(math.ceil(MIN_POOLED_SAMPLES / realizations), samples // MIN_BINS)
+        length = max(MIN_BIN_SAMPLES, enough)
+        return np.asarray(np.minimum(np.arange(samples) // length, samples // length - 1))
 
     @cached_property
     def impedance(self) -> Array:
@@ -62,7 +68,7 @@ class SecondOrderFit:
         products = np.einsum("art,brt->tab", self.motion, [*self.motion, self.torque])
         sums = np.add.reduceat(products, np.flatnonzero(np.diff(self.bins, prepend=-1)))
         inner, cross = np.split(sums[:, :2], 2, axis=2)  # sums of each bin are (3, 4)
-        ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + np.finfo(float).tiny
+        ridge = 1e-12 * np.trace(inner, axis1=1, axis2=2).mean() + TINY
         weights = np.linalg.solve(inner + ridge * np.eye(2), cross)
         left = np.sum(sums[:, 2, 2:], axis=0) - np.einsum("ba,bac->c", cross[..., 0], weights)
         inertia = left[1] / left[0] if left[0] > 0 else 0.0
@@ -96,13 +102,8 @@ class SecondOrderFit:
         return constant_impedance(*map(low_passed, (self.motion, self.torque)))
 
     @cached_property
-    def whitening(self) -> int:
-        """Samples of the past from which noise is predicted, w; at most a third of all."""
-        return int(max(2, min(round(NOISE_PAST_S * self.rate), self.torque.shape[1] // 3)))
-
-    @cached_property
     def _whitener(self) -> Array:
-        return whitener(self.residual, self.whitening)
+        return whitener(self.residual, NOISE_PAST)
 
     def whitened(self, signal: Array) -> Array:
         """Return a signal through the filter that whitens the residual, shape (..., time - w).
@@ -124,7 +125,7 @@ class SecondOrderFit:
     @cached_property
     def correction(self) -> SecondOrderFit:
         """Correction of the fit, in shares of it, by the whitened residual."""
-        return SecondOrderFit(self.white_parts, self.white_residual, self.rate)
+        return SecondOrderFit(self.white_parts, self.white_residual)
 
     @cached_property
     def own_moments(self) -> tuple[Array, Array]:
@@ -140,18 +141,134 @@ class SecondOrderFit:
         """Stiffness of each realization over the median, shape (realization,)."""
         grams, moments = self.own_moments
         inverse = np.linalg.pinv(grams, hermitian=True)
-        return _over_median(1 + np.einsum("rb,rb->r", inverse[:, 0], moments))
+        return over_usual(1 + np.einsum("rb,rb->r", inverse[:, 0], moments), 0.5)
 
     @property
     def relative_noise(self) -> Array:
         """RMS of the whitened residual of each realization over the median, (realization,)."""
-        return _over_median(np.sqrt(np.mean(self.white_residual**2, axis=1)))
+        return over_usual(np.sqrt(np.mean(self.white_residual**2, axis=1)), 0.5)
 
     def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrderFit:
         """Return the fit to some of the realizations, as deviations from their own mean."""
         motion, torque = self.motion[:, realizations], self.torque[realizations]
         motion = motion - motion.mean(axis=1, keepdims=True)
-        return SecondOrderFit(motion, torque - torque.mean(axis=0), self.rate)
+        return SecondOrderFit(motion, torque - torque.mean(axis=0))
+
+
+@attrs.frozen(eq=False)
+class FittedEnsemble:
+    """Ensemble for checks: as it was given, and at some 100 Hz with a second-order fit."""
+
+    given: Ensemble
+    ensemble: Ensemble
+    _findings: dict[str, Finding] = attrs.field(factory=dict, init=False)
+
+    @classmethod
+    def of(cls, ensemble: Ensemble) -> FittedEnsemble:
+        """Lower the ensemble's rate to some 100 Hz. Raise InputError if it cannot be fitted."""
+        if not isinstance(ensemble, Ensemble):
+            raise InputError(
+                f"diagnose: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording "
+                "with tvsysid.preprocess.segment"
+            )
+        data = cls(ensemble, lowered(ensemble))
+        known = data.region.stop - data.region.start
+        if len(ensemble) < 2 or known < MIN_KNOWN_SAMPLES:
+            raise InputError(
+                f"diagnose: expected at least 2 realizations with {MIN_KNOWN_SAMPLES} samples at "
+                f"which derivatives are known, got {len(ensemble)} with {known} at {data.rate:g} "
+                f"Hz; cut with another period, or with {HALF_WIDTH / data.rate:g} s of context"
+            )
+        return data
+
+    def __len__(self) -> int:
+        return len(self.ensemble)
+
+    def finding(self, name: str, *further: object) -> Finding:
+        """Check for a fault, once. ``further`` are further arguments of the check."""
+        if name not in self._findings:
+            self._findings[name] = judge(name, self, *further)
+        return self._findings[name]
+
+    def require(self, realizations: int = MIN_TESTED_REALIZATIONS, response: bool = True) -> None:
+        """Raise NotApplicable for too few realizations, or a torque that ignores the angle."""
+        if len(self) < realizations:
+            raise NotApplicable(f"it takes {realizations} realizations")
+        if response and self.fit.explained < MIN_EXPLAINED:
+            raise NotApplicable(NO_RESPONSE)
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate in Hz."""
+        return self.ensemble.sampling_rate
+
+    def signal(self, which: str) -> Array:
+        """Return the deviation of angle, torque or a channel from its mean over realizations.
+
+        Its shape is (realization, time), context included.
+        """
+        values = self.ensemble.signal(which)
+        return np.asarray(values - values.mean(axis=0))
+
+    def core(self, which: str) -> Array:
+        """Return the same deviation without context."""
+        return self.signal(which)[:, self.ensemble.core]
+
+    @cached_property
+    def angle(self) -> Array:
+        """Deviation of the angle in rad."""
+        return self.signal("angle")
+
+    @cached_property
+    def torque(self) -> Array:
+        """Deviation of the torque in N·m."""
+        return self.signal("torque")
+
+    @property
+    def region(self) -> slice:
+        """Samples that are fitted: those with known derivatives, context counted."""
+        return known_region(self.ensemble.samples, self.ensemble.context)
+
+    @cached_property
+    def fit(self) -> SecondOrderFit:
+        """Second-order fit with stiffness and viscosity in bins."""
+        shown = slice(self.region.start - HALF_WIDTH, self.region.stop - HALF_WIDTH)
+        motion = differentiate(self.angle, self.rate)[:, :, shown]
+        return SecondOrderFit(motion, self.torque[:, self.region])
+
+    def unpredicted(self, signal: Array) -> Array:
+        """Return what its past does not predict of a signal, at the whitened samples."""
+        first, stop = self.region.start + NOISE_PAST, self.region.stop
+        return filtered(signal, whitener(signal, SIGNAL_PAST))[
+            :, first - SIGNAL_PAST : stop - SIGNAL_PAST
+        ]
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """Realizations in the order of recording."""
+        return np.concatenate(self.ensemble.runs)
+
+    @property
+    def halves(self) -> list[NDArray[np.int64]]:
+        """Realizations of the first and of the second half of the experiment."""
+        return np.split(self.order, [len(self) // 2])
+
+    def changed(self, **signals: Any) -> FittedEnsemble:
+        """Return the ensemble with other signals."""
+        return FittedEnsemble(self.given, attrs.evolve(self.ensemble, **signals))
+
+    def advance(self, samples: float) -> FittedEnsemble:
+        """Return the ensemble with its torque so many samples earlier."""
+        return self.changed(torque=later(self.ensemble.torque, samples)) if samples else self
+
+
+def later(values: Array, samples: float) -> Array:
+    """Return the values of a signal (realization, time) so many samples later.
+
+    The last one is repeated.
+    """
+    whole, last = round(samples), values.shape[1] - 1
+    return between(values, samples - whole)[:, np.clip(np.arange(last + 1) + whole, 0, last)]
 
 
 def low_passed(signal: Array, deviation: float = LOW_PASS_SAMPLES) -> Array:
@@ -171,9 +288,4 @@ def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
     fit = second_order_fit(grams.sum(axis=0)[None], cross.sum(axis=0)[None])
     values = fit.impedance[0]
     influence = (cross - grams @ values) @ fit.inverse[0]
-    return values, np.sqrt(np.sum(influence**2, axis=0) * count / max(count - 1, 1))
-
-
-def _over_median(values: Array) -> Array:
-    usual = np.median(values)
-    return np.asarray(values / usual if usual > 0 else values)
+    return values, np.sqrt(np.sum(influence**2, axis=0) * count / (count - 1))

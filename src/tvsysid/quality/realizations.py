@@ -6,34 +6,30 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.quality.checks import Measured, NotApplicable, check, indices
-from tvsysid.quality.fit import SecondOrderFit, low_passed
-from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.fit import SI_UNITS, FittedEnsemble, SecondOrderFit, low_passed
 from tvsysid.quality.statistics import (
     FOLDS,
-    SIGNIFICANT,
+    TINY,
     is_mean_significant,
     is_significant,
     without,
 )
 from tvsysid.signals import Array
 
-TINY = np.finfo(float).tiny
-# Of outliers: robust standard deviations from the median, ratio to the usual noise, and smallest
-# relative differences of stiffness and of the whole response.
-MAX_DISTANCE, MIN_NOISE_RATIO, MIN_CHANGES = 6.0, 2.5, np.array([[0.3], [0.2]])
+# Of outliers: distance from the median in robust standard deviations, ratio to the usual noise, and
+# smallest relative differences of the stiffness and of the whole response.
+MAX_DISTANCE, MIN_NOISE_RATIO, MIN_CHANGE, MIN_RESPONSE_CHANGE = 6.0, 2.5, 0.3, 0.2
 ROBUST = 1.4826  # standard deviations of Gaussian numbers per median absolute deviation
 PARTS = 10  # of a realization that must show the same difference; neighbours share too much
 NOISE_LOW_PASS_SAMPLES = 1.5  # after which realizations are compared
-SHIFT_STEP_S, MIN_SHIFT_S = 0.02, 0.05
-NOISE_WINDOW_S, MIN_NOISE_POWER = 0.1, 0.05  # the latter as a share of the mean
-MIN_GAIN, MAX_SLOW_LEFT = 0.2, 0.5  # share of a residual that a shift must, and may not, explain
-SLOW_LOW_PASS_SAMPLES = 2.5
-MAX_MISALIGNED = 0.5  # share of realizations; if more fit better elsewhere, their place is right
-MIN_VARIATION, MIN_REPEAT = 0.1, 0.7  # of stiffness: over its mean; correlation of odd and even
+SHIFT_STEP, MIN_STEPS = 2, 3  # of a shift, in samples and in steps
+SHIFT_LOW_PASS_SAMPLES = 2.5
+# Shares of the residual's power that the right shift may leave, and after a low-pass.
+MAX_LEFT = np.array([[0.8], [0.5]])
+MIN_REPEAT = 0.7  # correlation of the stiffness in odd and even realizations
 
 
 @check(
@@ -57,8 +53,8 @@ def drift(data: FittedEnsemble) -> Measured:
     error = math.sqrt(sum(len(each) * each.var(ddof=1) for each in influences))
     value = 100 * (after - before) / max(abs(before), 0.01)
     what = (
-        f"the stiffness of the second half is {abs(value):.2g} % "
-        f"{'higher' if value > 0 else 'lower'} than that of the first, ± {100 * error:.2g} %"
+        f"the stiffness changes by {value:+.2g} % from the first half to the second, ± "
+        f"{100 * error:.2g} %"
     )
     return Measured(value, what, is_significant(after - before, error, len(data)))
 
@@ -92,15 +88,14 @@ def offset(data: FittedEnsemble, which: str) -> Measured:
     """Return the change of the realizations' means along a line, from the first to the last."""
     data.require(response=False)
     size = math.sqrt(data.core(which).var(axis=1).mean())
-    if size == 0:
-        raise NotApplicable(f"the {which} does not move")
     line, error = _drift_of_offset(data, which)
-    change, unit = np.ptp(line) * np.sign(line[-1]), {"angle": "rad", "torque": "N·m"}[which]
+    change, unit = line[-1] - line[0], SI_UNITS[which]
     what = (
         f"the {which} moves by {change:+.2g} {unit} from the first realization to the last, ± "
         f"{error:.1g} {unit}"
     )
-    return Measured(100 * abs(change) / size, what, is_significant(change, error, len(data)))
+    value = 100 * abs(change) / max(size, TINY)
+    return Measured(value, what, is_significant(change, error, len(data)))
 
 
 def _drift_of_offset(data: FittedEnsemble, which: str) -> tuple[Array, float]:
@@ -139,28 +134,28 @@ def unlike_realizations(data: FittedEnsemble) -> Measured:
     fit, (grams, moments) = data.fit, data.fit.own_moments
     stiffness, noise = fit.relative_stiffness, fit.relative_noise
     whole = np.maximum(grams.sum(axis=(1, 2)), TINY)
-    values = np.stack([stiffness, 1 + moments.sum(axis=1) / whole])
-    distance = np.abs(values - np.median(values, axis=1, keepdims=True))
     # The stiffness of a realization that hardly moved, or is loud, is uncertain.
-    inverse = np.linalg.pinv(grams, hermitian=True)[:, 0, 0]
-    power = np.mean(fit.white_residual**2) * np.maximum(noise, 1) ** 2
-    usual = ROBUST * np.median(distance, axis=1, keepdims=True)
-    usual = np.maximum(usual, np.sqrt(power * [inverse, 1 / whole]))
-    outlying = ((distance > MAX_DISTANCE * usual) & (distance > MIN_CHANGES)).any(axis=0)
+    error = np.sqrt(np.mean(fit.white_residual**2)) * np.maximum(noise, 1)
+    uncertainty = error * np.sqrt(np.linalg.pinv(grams, hermitian=True)[:, 0, 0])
+    response = 1 + moments.sum(axis=1) / whole
     # Voluntary torque differs between realizations; the loudest of many is not unlike the others.
     level = np.log(np.maximum(noise, TINY))
-    is_loud = level > MAX_DISTANCE * ROBUST * np.median(np.abs(level))
-    outlying |= is_loud & (noise > MIN_NOISE_RATIO)
+    outlying = (
+        _is_outlying(stiffness, MIN_CHANGE, uncertainty)
+        | _is_outlying(response, MIN_RESPONSE_CHANGE, error / np.sqrt(whole))
+        | _is_outlying(level, math.log(MIN_NOISE_RATIO))
+    )
     outlying[list(data.finding("misaligned-realizations").realizations)] = False
     found = indices(outlying)
     what = f"{len(found)} of {len(data)} realizations are outliers"
-    if found:
-        first = found[0]
-        what += (
-            f", first realization {first}: stiffness {stiffness[first]:.2g}, noise "
-            f"{noise[first]:.2g} times the usual"
-        )
     return Measured(len(found), what, realizations=found)
+
+
+def _is_outlying(values: Array, least: float, errors: Array | float = 0.0) -> NDArray[np.bool_]:
+    """Whether values are farther from the median than scatter, errors and ``least`` allow."""
+    distance = np.abs(values - np.median(values))
+    usual = np.maximum(ROBUST * np.median(distance), errors)
+    return np.asarray(distance > np.maximum(MAX_DISTANCE * usual, least))
 
 
 @check(
@@ -186,15 +181,13 @@ def scattered_realizations(data: FittedEnsemble) -> Measured:
     noise need not be known. The test is by their scatter over realizations. It holds for any number
     of realizations that differ, where a median breaks down at half of them.
 
-    Realizations with another fault are left out. With a wrong period, each realization holds
+    Outliers are left out. With a wrong period, each realization holds
     another part of the behaviour anyway.
     """
-    misaligned = data.finding("misaligned-realizations")
-    reported = data.finding("unlike-realizations").realizations
-    reported += misaligned.realizations if misaligned.found else ()
     if data.finding("wrong-period").found:
         raise NotApplicable("the period is wrong")
-    order = data.order[~np.isin(data.order, reported)]
+    outliers = data.finding("unlike-realizations").realizations
+    order = data.order[~np.isin(data.order, outliers)]
     if len(order) < 2 * MIN_TESTED_REALIZATIONS:
         raise NotApplicable(f"it takes {2 * MIN_TESTED_REALIZATIONS} realizations")
     variances = _shared_variances(_stiffness_changes(data.fit)[order])
@@ -238,9 +231,9 @@ def _shared_variances(change: Array) -> Array:
     for out in np.array_split(np.arange(len(change)), FOLDS):
         others = np.delete(change, out, axis=0)
         pattern = np.linalg.eigh(is_far * (others.T @ others))[1][:, -1]
-        weights = is_far * np.outer(pattern, pattern)
-        products = np.einsum("rj,jl,rl->r", change[out], weights, change[out])
-        variances[out] = products / (PARTS * np.sum(weights**2))
+        scores = change[out] * pattern
+        products = np.sum(scores @ is_far * scores, axis=1)
+        variances[out] = products / (PARTS * (pattern**2 @ is_far @ pattern**2))
     return variances
 
 
@@ -254,70 +247,25 @@ def _shared_variances(change: Array) -> Array:
     remedy="align them before the mean is subtracted (tv.preprocess.align), or exclude them",
 )
 def misaligned_realizations(data: FittedEnsemble) -> Measured:
-    """Return the share of realizations that the common behaviour explains better when shifted."""
+    """Return the share of realizations that the common behaviour explains better when shifted.
+
+    Equal filters of both channels leave hardly any noise at high frequency, where only the error
+    of the fit shows. So a shift must also show after a low-pass.
+    """
     data.require()
-    if not _varies(data.fit):
+    fit = data.fit
+    odd, even = (fit.of(slice(first, None, 2)).impedance[0] for first in (0, 1))
+    if np.ptp(odd) == 0 or np.ptp(even) == 0 or np.corrcoef(odd, even)[0, 1] < MIN_REPEAT:
         raise NotApplicable("stiffness hardly varies within a realization, so that no shift shows")
-    shifts, left, slowly_left = _left_by_shifts(data.fit)
-    best, still = np.argmin(left, axis=0), len(shifts) // 2
-    place = best, np.arange(len(data))
-    gain = 1 - left[place] / np.maximum(left[still], TINY)
-    seconds = shifts[best] / data.rate
-    # Likelihood ratio for white noise of each realization's own level: the best of all shifts.
-    samples = data.fit.white_residual.shape[1]
-    log_ratio = 0.5 * samples * -np.log1p(-np.clip(gain, 0.0, 1 - 1e-12))
-    is_clear = (gain > MIN_GAIN) & (log_ratio > math.log(left.size / SIGNIFICANT))
-    is_clear &= slowly_left[place] < MAX_SLOW_LEFT * slowly_left[still]
-    found = indices(is_clear & (np.abs(seconds) >= MIN_SHIFT_S))
-    count = len(found)
-    what = f"{count} of {len(data)} realizations fit better when shifted"
-    if found:
-        farthest = max(found, key=lambda each: abs(seconds[each]))
-        what += f", such as realization {farthest} by {seconds[farthest]:+.2g} s"
-    # One may fit better elsewhere by chance.
-    significant = 1 < count < MAX_MISALIGNED * len(data)
-    return Measured(100 * count / len(data), what, significant, found)
-
-
-def _left_by_shifts(fit: SecondOrderFit) -> tuple[NDArray[np.int64], Array, Array]:
-    """Return shifts of the common behaviour in samples, and the power that each leaves.
-
-    The power has shape (shift, realization). The second is after a low-pass: equal filters of both
-    channels leave hardly any noise at high frequency, where only the error of the fit shows.
-    """
-    change = fit.correction.impedance
-    relative = np.pad(change, ((0, 0), (fit.whitening, 0)), "edge")
-    behaviour = (fit.impedance * (1 + relative))[:2]
-    rest = fit.torque - fit.parts[2] * (1 + change[2, 0])
-    step = max(1, round(SHIFT_STEP_S * fit.rate))
-    reach = behaviour.shape[1] // 4 // step
-    shifts = np.arange(-reach, reach + 1) * step
-    weights, left = 1 / _local_noise(fit), []
-    for shift in shifts:
-        shifted = np.roll(behaviour, shift, axis=1)
+    rest, reach, left = fit.torque - fit.parts[2], fit.torque.shape[1] // 4 // SHIFT_STEP, []
+    for step in range(-reach, reach + 1):
+        shifted = np.roll(fit.impedance[:2], step * SHIFT_STEP, axis=1)
         error = fit.whitened(rest - np.einsum("at,art->rt", shifted, fit.motion[:2]))
-        slow = low_passed(error, SLOW_LOW_PASS_SAMPLES)
-        left.append([error**2 @ weights, slow**2 @ weights])
-    return shifts, *np.swapaxes(left, 0, 1)
-
-
-def _local_noise(fit: SecondOrderFit) -> Array:
-    """Return the power of the whitened residual about each time, median over realizations.
-
-    Voluntary torque may be louder at one time than at another. What few realizations do does not
-    count.
-    """
-    size = min(max(1, round(NOISE_WINDOW_S * fit.rate)), fit.white_residual.shape[1])
-    power = uniform_filter1d(fit.white_residual**2, size, axis=1, mode="nearest")
-    usual = np.median(power, axis=0)
-    return np.asarray(np.maximum(usual, MIN_NOISE_POWER * usual.mean() + TINY))
-
-
-def _varies(fit: SecondOrderFit) -> bool:
-    """Whether the stiffness varies over a realization, alike in odd and even realizations."""
-    stiffness = fit.impedance[0]
-    halves = [fit.of(slice(first, None, 2)).impedance[0] for first in (0, 1)]
-    if min(map(np.std, halves)) == 0:
-        return False
-    varies = stiffness.std() >= MIN_VARIATION * abs(stiffness.mean())
-    return bool(varies and np.corrcoef(*halves)[0, 1] > MIN_REPEAT)
+        slow = low_passed(error, SHIFT_LOW_PASS_SAMPLES)
+        left.append([np.sum(error**2, axis=1), np.sum(slow**2, axis=1)])
+    fits = np.asarray((np.array(left) < MAX_LEFT * left[reach]).all(axis=1))
+    fits[reach - MIN_STEPS + 1 : reach + MIN_STEPS] = False
+    found = indices(fits.any(axis=0))
+    what = f"{len(found)} of {len(data)} realizations fit better when shifted"
+    # One may fit better elsewhere by chance.
+    return Measured(100 * len(found) / len(data), what, len(found) > 1, found)

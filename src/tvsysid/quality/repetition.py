@@ -8,8 +8,8 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.ndimage import uniform_filter1d
 
-from tvsysid.quality.checks import Measured, NotApplicable, check
-from tvsysid.quality.fitted import FittedEnsemble
+from tvsysid.quality.checks import Measured, check
+from tvsysid.quality.fit import FittedEnsemble
 from tvsysid.quality.statistics import SIGNIFICANT
 from tvsysid.signals import Array, Ensemble
 
@@ -45,8 +45,6 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     of random phase. Near the harmonics of a behaviour that drifts, no line is looked for.
     """
     ensemble, fit, count = data.ensemble, data.fit, len(data)
-    if len(np.unique(ensemble.trials)) == count:
-        raise NotApplicable("each realization is a trial of its own")
     data.require()
     frequencies, coherent, power = lines(fit.correction.residual * fit.white_parts[0], ensemble)
     # Inertia is constant. A line that is even stronger in it is a PRBS' clock beating with the
@@ -64,19 +62,16 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     chance *= max(1.0, len(frequencies) * RESOLUTION)  # of independent frequencies
     what = (
         f"stiffness varies by {amplitude[best]:.2g} % of its mean with "
-        f"{_period(frequencies[best], given, longest)}, beside what repeats every {given:g} s"
+        f"{_period(frequencies[best], given):.3g} s, beside what repeats every {given:g} s"
     )
     return Measured(amplitude[best], what, chance < SIGNIFICANT)
 
 
-def _period(frequency: float, given: float, longest: float) -> str:
-    """Return the period of a line in s, in so many digits that it differs from the given one."""
-    # A line near a harmonic is that harmonic of a period near the given one.
+def _period(frequency: float, given: float) -> float:
+    """Return the period of a line in s; near a harmonic it is one near the given period."""
     number = max(1, round(frequency * given))
     is_near = abs(frequency * given - number) < NEAR_HARMONIC * number
-    period = (number if is_near else 1) / frequency
-    digits = next((n for n in range(3, 6) if f"{period:.{n}g}" != f"{given:.{n}g}"), 6)
-    return f"{period:.{digits}g} s"
+    return (number if is_near else 1) / frequency
 
 
 def _longest(ensemble: Ensemble) -> float:

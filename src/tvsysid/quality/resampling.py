@@ -6,9 +6,8 @@ import math
 
 import attrs
 import numpy as np
-import scipy
 
-from tvsysid.numerics.decimation import decimation_weights, windows_about
+from tvsysid.numerics.decimation import TAPS, windows_about
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.signals import Array, Ensemble
 
@@ -25,38 +24,28 @@ def known_region(samples: int, context: int) -> slice:
     return slice(margin, max(margin, samples + 2 * context - margin))
 
 
-def known_samples(samples: int, context: int) -> int:
-    """Return the number of samples of a realization whose derivatives are known."""
-    region = known_region(samples, context)
-    return int(region.stop - region.start)
-
-
 def lowered(ensemble: Ensemble) -> Ensemble:
     """Return an ensemble at some 100 Hz, with a whole number of samples per realization.
 
-    The signals pass the low-pass of :func:`tvsysid.preprocess.decimate`, and are interpolated
-    where the new samples lie between the old ones.
+    The signals pass the low-pass of :func:`tvsysid.preprocess.decimate`, a windowed sinc, which
+    also interpolates where the new samples lie between the old ones.
     """
     samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
-    counts = range(math.ceil(samples * MIN_RATE_HZ / rate), samples // 2 + 1)
-    enough = (n for n in counts if known_samples(n, context * n // samples) >= MIN_KNOWN_SAMPLES)
-    count = next(enough, samples)
-    if count == samples:
+    count = max(math.ceil(samples * MIN_RATE_HZ / rate), MIN_KNOWN_SAMPLES + 2 * HALF_WIDTH)
+    if count > samples // 2:
         return ensemble
     step, margin = samples / count, context * count // samples
     places = context + step * np.arange(-margin, count + margin)
+    nearest = np.round(places).astype(np.int64)
+    lags = np.arange(TAPS) - TAPS // 2 - (places - nearest)[:, None]
+    weights = np.sinc(lags / step) * (0.54 + 0.46 * np.cos(2 * np.pi / (TAPS - 1) * lags))
+    weights /= weights.sum(axis=1, keepdims=True)
 
     def resampled(values: Array) -> Array:
-        windows, weights = windows_about(values), decimation_weights(step)
-        if step.is_integer():
-            first, last = int(places[0]), int(places[-1])
-            return np.asarray(np.einsum("rtk,k", windows[:, first : last + 1 : int(step)], weights))
-        smooth, time = np.einsum("rtk,k", windows, weights), np.arange(values.shape[1])
-        return np.asarray(scipy.interpolate.make_interp_spline(time, smooth, axis=1)(places))
+        return np.asarray(np.einsum("rtk,tk->rt", windows_about(values)[:, nearest], weights))
 
     signals = attrs.evolve(ensemble, recorded_angle=None).mapped(resampled)
     if step.is_integer():
-        first, last = places[[0, -1]].astype(int)
-        recorded = ensemble.angle_as_recorded[:, first : last + int(step)]
+        recorded = ensemble.angle_as_recorded[:, nearest[0] : nearest[-1] + int(step)]
         signals["recorded_angle"] = recorded.reshape(*signals["angle"].shape, -1)
     return attrs.evolve(ensemble, **signals, context=margin, sampling_rate=rate / step)

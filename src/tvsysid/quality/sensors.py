@@ -6,27 +6,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter
 
 from tvsysid.preprocess import find_gaps, find_mains
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check, indices
-from tvsysid.quality.fit import SecondOrderFit
-from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.statistics import innovations, over_usual
+from tvsysid.quality.fit import NOISE_PAST, FittedEnsemble
+from tvsysid.quality.statistics import TINY, over_usual
 from tvsysid.signals import Array, Recording
 
 MIN_TIED_REALIZATIONS = 3  # at a limit at the same time
 TIE_TOLERANCE = 1e-3  # of a standard deviation
-MAX_REPEATED_SHARE = 0.5  # of values tied in the middle, relative to those tied at the limits
+# Of times with values tied in the middle: relative to those tied at the limits, and by chance.
+MAX_REPEATED_SHARE, CHANCE = 0.5, 0.01
 MIN_MIDDLE_SHARE = 0.2  # of samples within half an RMS; Gaussian numbers have 0.38
 MIN_STEP = 1e-6  # of a standard deviation; smaller differences are rounding
-WINDOW_S, MIN_WINDOW_SAMPLES = 0.2, 10  # in which losses are looked for
-BRIEF_S, MIN_BRIEF_SAMPLES = 0.06, 40  # of brief losses; at lower rates they do not show
-SILENT_SHARE, SILENT_QUANTILE = 0.2, 0.05  # of the noise's power: a silent torque has less
-NOISE_PAST_SAMPLES = 6  # from which the torque's noise is predicted
+WINDOW_SAMPLES = 20  # in which losses are looked for
 STILL_SHARE = 0.1  # of the expected power, below which a signal does not move
 LOUD_RATIO = 4.0  # to the usual power of the residual
-QUIET_WINDOWS = 0.25  # share of a realization's windows that are quieter than its noise
 # Quantiles over which spikes are measured. A PRBS surprises at every switch, noise never.
 USUAL_SURPRISE, USUAL_RESIDUAL = 0.99, 0.9
 SPIKE_SAMPLES, SPREAD_SAMPLES = 7, 13  # widths of a median filter, and of a spike's derivatives
@@ -75,14 +71,12 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     if tied == 0:
         return Measured(0.0, f"no {which} stays at a limit")
     middle = len(values) // 2 - count + 1
-    repeated = np.mean(is_tied[middle : middle + count].any(axis=0))
-    limit = 0.01 * FAULTS[f"clipped-{which}"].limit
-    if repeated > max(MAX_REPEATED_SHARE * tied, limit):  # as of a multisine
-        raise NotApplicable(
+    if np.mean(is_tied[middle : middle + count].any(axis=0)) > MAX_REPEATED_SHARE * tied + CHANCE:
+        raise NotApplicable(  # as of a multisine
             f"the same values of {which} come again and again, not only the extremes"
         )
-    if which == "angle" and np.mean(np.abs(deviations) < 0.5 * size) < MIN_MIDDLE_SHARE:
-        raise NotApplicable("the angle switches between two levels, as a PRBS does")
+    if np.mean(np.abs(deviations) < 0.5 * size) < MIN_MIDDLE_SHARE:
+        raise NotApplicable(f"the {which} switches between two levels, as a PRBS does")
     what = (
         f"at {100 * tied:.1f} % of the times at least {count} realizations have the same highest "
         f"or lowest {which}"
@@ -107,8 +101,7 @@ def coarse_angle(data: FittedEnsemble) -> Measured:
     values = np.sort(angle - angle.mean(axis=0), axis=0)
     size, steps = np.std(values), np.diff(values, axis=0)
     step = np.min(steps, initial=np.inf, where=steps > MIN_STEP * size)
-    # A signal of two levels, such as a PRBS, is not coarse.
-    value = 100 * step / size if np.ptp(values, axis=0).max() > 1.5 * step else 0.0
+    value = 100 * step / size if np.isfinite(step) else 0.0
     what = f"the angle is recorded in steps of {value:.2g} % of its standard deviation"
     return Measured(value, what)
 
@@ -138,80 +131,36 @@ def lost(data: FittedEnsemble, which: str) -> Measured:
 
     A lost signal stands still, or is only what a subtracted mean left.
     """
-    samples = max(MIN_WINDOW_SAMPLES, round(WINDOW_S * data.rate))
-    if data.fit.white_residual.shape[1] < samples:
-        raise NotApplicable(f"realizations are shorter than {WINDOW_S:g} s")
-    windows = (_torque_windows if which == "torque" else _angle_windows)(data.fit, samples)
+    fit = data.fit
+    response, residual = fit.white_parts.sum(axis=0), fit.white_residual
+    expected, there, left = _blocks([response, response + residual, residual]).var(axis=3)
+    if which == "torque":
+        # Filters of both channels leave hardly any noise. Then the fit's error looks like a loss
+        # when whitened.
+        changes = np.gradient([fit.parts.sum(axis=0), fit.torque], axis=2)[:, :, NOISE_PAST:]
+        moved, followed = _blocks(changes).var(axis=3)
+        is_lost = (there < STILL_SHARE * expected) & (followed < 2 * STILL_SHARE * moved)
+        is_lost &= expected > LOUD_RATIO * np.median(left)
+    else:
+        # What is loud at this time in most realizations is noise.
+        noise = np.maximum(np.median(left, axis=0), np.median(left))
+        common = 0.5 * np.abs(expected + there - left)
+        is_lost = np.maximum(expected, common) < STILL_SHARE * there
+        is_lost &= left > LOUD_RATIO * noise
     # A spike in the other signal moves much, and nothing responds to it.
     other = _distance_from_median(data, "angle" if which == "torque" else "torque")
     is_spike = maximum_filter1d(other > MIN_FAR, SPREAD_SAMPLES, axis=1)
-    windows &= ~_blocks(is_spike, samples).any(axis=-1)
-    times = np.repeat(windows & (windows.sum() > 1), samples, axis=1)
-    if which == "torque" and BRIEF_S * data.given.sampling_rate >= MIN_BRIEF_SAMPLES:
-        times |= _held_torque(data)[:, : times.shape[1]]
-    if not times.any():
-        return Measured(0.0, f"the {which} is there throughout")
-    duration, concerned = times.sum() / data.rate, indices(times.any(axis=1))
-    begin = data.time[data.fit.whitening + np.argmax(times[concerned[0]])]
-    what = (
-        f"the {which} does not follow for {duration:.2g} s in {len(concerned)} realizations, first "
-        f"in realization {concerned[0]} from about {begin:.2g} s on"
-    )
-    return Measured(duration, what, realizations=concerned)
+    is_lost &= ~_blocks(is_spike).any(axis=-1)
+    duration = is_lost.sum() * WINDOW_SAMPLES / data.rate
+    what = f"the {which} does not follow for {duration:.2g} s"
+    return Measured(duration, what, realizations=indices(is_lost.any(axis=1)))
 
 
-def _torque_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
-    """Return windows in which only the angle moves, shape (realization, window)."""
-    expected, there, left = _white_powers(fit, samples)
-    is_lost = expected > np.maximum(np.median(expected), LOUD_RATIO * np.median(left))
-    is_lost &= there < STILL_SHARE * expected
-    # Filters of both channels leave hardly any noise. Then the fit's error looks like a loss when
-    # whitened.
-    changes = np.gradient([fit.parts.sum(axis=0), fit.torque], axis=2)[:, :, fit.whitening :]
-    expected, there = _blocks(changes, samples).var(axis=3)
-    return np.asarray(is_lost & (there < 2 * STILL_SHARE * expected))
-
-
-def _angle_windows(fit: SecondOrderFit, samples: int) -> NDArray[np.bool_]:
-    """Return windows in which only the torque moves, shape (realization, window)."""
-    expected, there, left = _white_powers(fit, samples)
-    # What is loud at this time in most realizations, or at most times in this one, is noise.
-    noise = np.maximum(np.median(left), np.quantile(left, QUIET_WINDOWS, axis=1))[:, None]
-    noise = np.maximum(np.median(left, axis=0), noise)
-    is_lost = (left > LOUD_RATIO * noise) & (expected < STILL_SHARE * there)
-    common = 0.5 * np.abs(expected + there - left)
-    return np.asarray(is_lost & (common < STILL_SHARE * there))
-
-
-def _white_powers(fit: SecondOrderFit, samples: int) -> Array:
-    """Return the variance in windows of response, torque and residual, all whitened."""
-    response, residual = fit.white_parts.sum(axis=0), fit.white_residual
-    return np.asarray(_blocks([response, response + residual, residual], samples).var(axis=3))
-
-
-def _held_torque(data: FittedEnsemble) -> NDArray[np.bool_]:
-    """Find brief times at which the torque is held at a high rate, shape (realization, time - w).
-
-    It does not follow the angle, and has no noise of its own, which is what the torque's past does
-    not predict at the given rate. At some 100 Hz, so short a time has too few samples.
-    """
-    torque, fit, rate = data.given.torque, data.fit, data.given.sampling_rate
-    noise = innovations(torque - torque.mean(axis=0), NOISE_PAST_SAMPLES)
-    count, slow_count = (round(BRIEF_S * each) for each in (rate, data.rate))
-    power = uniform_filter1d(noise**2, count, axis=1)
-    silent = power < SILENT_SHARE * np.quantile(power, SILENT_QUANTILE)
-    places = np.round(data.time * rate).astype(np.int64) + data.given.context
-    silent = maximum_filter1d(silent, count, axis=1)[:, places.clip(max=silent.shape[1] - 1)]
-    residual = uniform_filter1d(np.gradient(fit.residual, axis=1) ** 2, slow_count, axis=1)
-    is_loud = maximum_filter1d(residual > LOUD_RATIO * np.median(residual), slow_count, axis=1)
-    return np.asarray((silent & is_loud)[:, fit.whitening :])
-
-
-def _blocks(signals: ArrayLike, samples: int) -> NDArray[Any]:
-    """Return blocks of samples side by side, shape (..., block, sample)."""
+def _blocks(signals: ArrayLike) -> NDArray[Any]:
+    """Return windows of samples side by side, shape (..., window, sample)."""
     values = np.asarray(signals)
-    count = values.shape[-1] // samples
-    return values[..., : count * samples].reshape(*values.shape[:-1], count, samples)
+    count = values.shape[-1] // WINDOW_SAMPLES
+    return values[..., : count * WINDOW_SAMPLES].reshape(*values.shape[:-1], count, WINDOW_SAMPLES)
 
 
 @check(
@@ -228,15 +177,9 @@ def _blocks(signals: ArrayLike, samples: int) -> NDArray[Any]:
 def gaps(recording: Recording) -> Measured:
     """Count the gaps in both signals of a recording."""
     found = find_gaps(recording)
-    if not found:
-        return Measured(0.0, "no gap in both signals")
-    longest = max(found, key=lambda gap: gap.stop - gap.start)
-    more = f", and {len(found) - 1} times more" if len(found) > 1 else ""
-    what = (
-        f"both signals stand still, or are interpolated, for {longest.stop - longest.start:.2g} s "
-        f"at {longest.start:.4g} s in trial {longest.trial + 1}{more}"
-    )
-    return Measured(len(found), what)
+    longest = max((gap.stop - gap.start for gap in found), default=0.0)
+    what = f"both signals stand still, or are interpolated, for up to {longest:.2g} s"
+    return Measured(len(found), f"{what}: {len(found)} times")
 
 
 @check(
@@ -278,52 +221,34 @@ def mains(recording: Recording) -> Measured:
     which="angle",
 )
 def spikes(data: FittedEnsemble, which: str) -> Measured:
-    """Return the height of the highest spike."""
-    heights = _spike_heights(data)[which]
-    value = heights.max()
-    if value == 0:
-        return Measured(0.0, "none")
-    realization, sample = np.unravel_index(np.argmax(heights), heights.shape)
-    is_spike = heights > FAULTS[f"{which}-spikes"].limit
-    what = (
-        f"the highest is {value:.3g} times as high as is usual, in realization {realization} at "
-        f"{data.time[data.fit.whitening + sample]:.3g} s"
-    )
-    if (count := np.count_nonzero(is_spike)) > 1:
-        what += f"; {count} samples stand out"
-    return Measured(value, what, realizations=indices(is_spike.any(axis=1)))
-
-
-def _spike_heights(data: FittedEnsemble) -> dict[str, Array]:
-    """Return the height of spikes in angle and torque over the usual, zero elsewhere.
+    """Return the height of the highest spike, over what is usual.
 
     Neither its past nor its neighbours predict a spike in the angle, and the torque does not
     respond to it. Neither the fit nor the past predicts one in the torque, and none in the
-    angle explains it. Shape (realization, time - w).
+    angle explains it.
     """
     white = data.fit.white_residual
-    angle, torque, residual = (
-        over_usual(np.abs(values), quantile)
-        for values, quantile in (
-            (data.unpredicted(data.angle), USUAL_SURPRISE),
-            (data.unpredicted(data.torque), USUAL_SURPRISE),
-            (white, USUAL_RESIDUAL),
-        )
+    angle, torque = (
+        over_usual(np.abs(data.unpredicted(each)), USUAL_SURPRISE)
+        for each in (data.angle, data.torque)
     )
-    is_spike = maximum_filter1d(residual, SPREAD_SAMPLES, axis=1) > MIN_DISTURBANCE
-    is_spike &= _distance_from_median(data, "angle") > MIN_ALONE
-    # A residual that is high at this time in most realizations is no spike, but a change of
-    # stiffness within a bin. Spikes at one time leave their mean in all others.
-    level = np.median(np.abs(white - np.median(white, axis=0)), axis=0)
-    usual = max(SCATTER * float(np.median(level)), np.finfo(float).tiny)
-    nearby = maximum_filter1d(angle, 2 * SPREAD_SAMPLES - 1, axis=1)
-    is_angle = nearby > FAULTS["angle-spikes"].limit
-    return {
-        "angle": np.where(is_spike, angle, 0.0),
-        "torque": np.where(
-            (torque > angle) & ~is_angle, residual / np.maximum(1.0, level / usual), 0.0
-        ),
-    }
+    residual = over_usual(np.abs(white), USUAL_RESIDUAL)
+    if which == "angle":
+        is_spike = maximum_filter1d(residual, SPREAD_SAMPLES, axis=1) > MIN_DISTURBANCE
+        is_spike &= _distance_from_median(data, "angle") > MIN_ALONE
+        heights = np.where(is_spike, angle, 0.0)
+    else:
+        # A residual that is high at this time in most realizations is no spike, but a change of
+        # stiffness within a bin. Spikes at one time leave their mean in all others.
+        level = np.median(np.abs(white - np.median(white, axis=0)), axis=0)
+        usual = max(SCATTER * float(np.median(level)), TINY)
+        nearby = maximum_filter1d(angle, 2 * SPREAD_SAMPLES - 1, axis=1)
+        is_spike = (torque > angle) & (nearby <= FAULTS["angle-spikes"].limit)
+        heights = np.where(is_spike, residual / np.maximum(1.0, level / usual), 0.0)
+    value = heights.max()
+    what = f"the highest is {value:.3g} times as high as is usual"
+    concerned = (heights > FAULTS[f"{which}-spikes"].limit).any(axis=1)
+    return Measured(value, what, realizations=indices(concerned))
 
 
 def _distance_from_median(data: FittedEnsemble, which: str) -> Array:
@@ -333,4 +258,4 @@ def _distance_from_median(data: FittedEnsemble, which: str) -> Array:
     """
     values = data.signal(which)
     distance = np.abs(values - median_filter(values, (1, SPIKE_SAMPLES)))
-    return over_usual(distance, USUAL_SURPRISE)[:, data.white_region]
+    return over_usual(distance, USUAL_SURPRISE)[:, data.region][:, NOISE_PAST:]

@@ -17,6 +17,7 @@ from tvsysid.signals import Array
 
 SIGNIFICANT = 1e-5  # p-value
 FOLDS = 4  # of cross-validation
+TINY = np.finfo(float).tiny
 
 
 def is_significant(mean: float, error: float, count: int) -> bool:
@@ -59,17 +60,6 @@ def gains(target: Array, regressors: Array) -> Array:
     return gain
 
 
-def gained_share(target: Array, regressors: Array, given: Array | None = None) -> float:
-    """Return the share of a signal that regressors predict in held-out realizations.
-
-    What the ``given`` regressors explain is taken out of both beforehand.
-    """
-    if given is not None:
-        target, regressors = without(target, given), without(regressors, given)
-    total = float(np.sum(target**2))
-    return float(gains(target, regressors).sum()) / total if total > 0 else math.nan
-
-
 def without(target: Array, regressors: Array) -> Array:
     """Return a signal (..., realization, time) less what regressors explain of it."""
     rows = regressors.reshape(len(regressors), -1)
@@ -88,11 +78,6 @@ def filtered(signal: Array, taps: Array) -> Array:
     """Return a signal (..., time) through a causal filter, where all its samples are known."""
     known = convolve1d(signal, taps, axis=-1, origin=-(len(taps) // 2))
     return np.asarray(known[..., len(taps) - 1 :])
-
-
-def innovations(signal: Array, order: int) -> Array:
-    """Return what the past does not predict of a signal, shape (realization, time - order)."""
-    return filtered(signal, whitener(signal, order))
 
 
 def over_usual(values: Array, quantile: float) -> Array:

@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.reflex_test import MAX_REFLEX_LAG_S, MIN_REFLEX_LAG_S, reflex_test_of
+from tvsysid.methods.cascade.reflex_test import reflex_test_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.quality.checks import Measured, NotApplicable, check
-from tvsysid.quality.fitted import FittedEnsemble
-from tvsysid.quality.statistics import gained_share, gains, is_mean_significant, lagged, without
+from tvsysid.quality.fit import FittedEnsemble
+from tvsysid.quality.statistics import TINY, gains, is_mean_significant, lagged, without
 from tvsysid.signals import Array
 
-STEP_S, MAX_LEAD_S, MAX_LAG_S = 0.03, 0.27, 0.3  # lags of later and of earlier movement
+# Samples at some 100 Hz by which movement is later or earlier.
+FEEDBACK_LAGS, LATE_LAGS = 1 + np.arange(3, 28, 3), np.arange(4, 29, 3)
 # Of a channel that may have been applied: how far ahead it predicts the angle, as derivatives'
 # filters know nearer samples of an imposed one, and how much of the past of both counts.
-AHEAD_S, ANGLE_PAST_S, CAUSE_PAST_S = 0.03, 0.2, 0.15
+AHEAD, ANGLE_PAST, CAUSE_PAST = 3, 20, 15
 # Shares of unpredicted movement: of the angle by the channel at least, and the reverse at most.
 MIN_LEAD, MAX_FOLLOW = 0.04, 0.02
-TORQUE_LAGS = 6  # samples of the torque to either side that may explain a channel
 TOO_SHORT = "realizations and their context are too short"
 
 
@@ -43,24 +43,16 @@ def feedback(data: FittedEnsemble) -> Measured:
     reflex is late. All signals are whitened, and the test is by held-out realizations.
     """
     data.require()
-    if data.finding("coarse-angle").beyond:
-        raise NotApplicable(
-            "the angle is recorded in such coarse steps that the torque shows it better"
-        )
-    fit, origin = data.fit, data.region.start
+    fit, origin, last = data.fit, data.region.start, FEEDBACK_LAGS[-1]
     angle, torque = fit.whitened(data.angle), fit.whitened(np.stack([fit.residual, fit.torque]))
-    lags = 1 + max(1, round(STEP_S * data.rate)) * np.arange(1, 1 + round(MAX_LEAD_S / STEP_S))
-    start = max(origin, lags[-1])
-    stop = min(origin + torque.shape[2], angle.shape[1] - lags[-1])
-    if stop - start < lags[-1]:
+    start, stop = max(origin, last), min(origin + torque.shape[2], angle.shape[1] - last)
+    if stop - start < last:
         raise NotApplicable(TOO_SHORT)
-    earlier = lagged(angle, [*lags, 1, 0, -1], start, stop)
+    earlier = lagged(angle, [*FEEDBACK_LAGS, 1, 0, -1], start, stop)
     residual, whole = torque[..., start - origin : stop - origin]
-    gain = gains(without(residual, earlier), without(lagged(angle, -lags, start, stop), earlier))
-    share = gain.sum() / np.sum(whole**2)
-    first, last = (1000 * lags[[0, -1]] / data.rate).round().astype(int)
-    what = f"movement {first} to {last} ms later predicts {_percent(share)} of the torque"
-    return Measured(100 * max(0.0, share), what, share > 0 and is_mean_significant(gain))
+    later = lagged(angle, -FEEDBACK_LAGS, start, stop)
+    gain = gains(without(residual, earlier), without(later, earlier))
+    return _gained(gain, whole, "movement 40 to 280 ms later predicts {} of the torque")
 
 
 @check(
@@ -82,8 +74,12 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
     data.require()
-    if not declared:
-        _require_leading(data, reference)
+    values = data.signal(reference)
+    # EMG and further sensors of the angle or the torque follow the angle, or hardly lead it.
+    if not declared and not (
+        _predicted(data.angle, values) > MIN_LEAD and _predicted(values, data.angle) < MAX_FOLLOW
+    ):
+        raise NotApplicable(f"{reference!r} does not move before the angle")
     moved, explained = _moved_angle(data, reference)
     if not explained >= HARDLY_MOVED:
         raise NotApplicable(
@@ -125,35 +121,15 @@ def _moved_angle(data: FittedEnsemble, reference: str) -> tuple[Array, float]:
     return moved, 1 - float(left / np.sum(data.angle[:, core] ** 2))
 
 
-def _require_leading(data: FittedEnsemble, channel: str) -> None:
-    """Raise NotApplicable for a channel that does not move the angle.
-
-    EMG and further sensors of the angle follow it or hardly lead it. A sensor of the torque is the
-    torque and noise, a command is the torque and a load.
-    """
-    values, reach = data.signal(channel), TORQUE_LAGS
-    ends = reach, values.shape[1] - reach
-    torques, angles = (
-        lagged(each, range(-reach, reach + 1), *ends) for each in (data.torque, data.angle)
-    )
-    middle = values[:, slice(*ends)]
-    if not gained_share(middle, angles, torques) > gained_share(middle, torques):
-        raise NotApplicable(f"{channel!r} is the torque")
-    leads = _predicted(data.angle, values, data.rate)
-    if not leads > MIN_LEAD or _predicted(values, data.angle, data.rate) > MAX_FOLLOW:
-        raise NotApplicable(f"{channel!r} does not move before the angle")
-
-
-def _predicted(signal: Array, cause: Array, rate: float) -> float:
+def _predicted(signal: Array, cause: Array) -> float:
     """Return the share of a signal, unpredicted by its own past, that a cause's past predicts."""
-    ahead = max(1, round(AHEAD_S * rate))
-    own = ahead + np.arange(round(ANGLE_PAST_S * rate))
-    lags = ahead + np.arange(0, round(CAUSE_PAST_S * rate), 2)
+    own, lags = AHEAD + np.arange(ANGLE_PAST), AHEAD + np.arange(0, CAUSE_PAST, 2)
     start, stop = own[-1], signal.shape[1]
-    if stop - start < lags[-1]:
-        raise NotApplicable(TOO_SHORT)
-    causes, past = lagged(cause, lags, start, stop), lagged(signal, own, start, stop)
-    return gained_share(signal[:, start:], causes, past)
+    past = lagged(signal, own, start, stop)
+    target, causes = (
+        without(each, past) for each in (signal[:, start:], lagged(cause, lags, start, stop))
+    )
+    return float(gains(target, causes).sum() / (np.sum(target**2) + TINY))
 
 
 @check(
@@ -181,13 +157,11 @@ def reflex(data: FittedEnsemble) -> Measured:
     one_path, two_paths = test.stiffness
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
-        f"{_percent(test.share)} of the residual torque {1000 * MIN_REFLEX_LAG_S:.0f} to "
-        f"{1000 * MAX_REFLEX_LAG_S:.0f} ms later, better than no reflex (p = {test.over_none:.1g}) "
-        f"and than a linear one (p = {test.over_linear:.1g}); the mean stiffness is {one_path:.3g} "
-        f"N·m/rad with the reflex's torque in it, {two_paths:.3g} without"
+        f"{_percent(test.share)} of the residual torque 40 to 330 ms later, better than no reflex "
+        f"(p = {test.over_none:.1g}) and than a linear one (p = {test.over_linear:.1g}); the mean "
+        f"stiffness is {one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} "
+        "without"
     )
-    if two_paths > 0:
-        what += f": {100 * (one_path / two_paths - 1):+.0f} % in these data"
     return Measured(100 * max(0.0, test.share), what, test.shown)
 
 
@@ -208,20 +182,18 @@ def slow_answer(data: FittedEnsemble) -> Measured:
     data.require()
     if data.finding("reflex").found:
         raise NotApplicable("a reflex is found, whose answer is late; longer lags do not mend that")
-    lags = np.round(np.arange(MIN_REFLEX_LAG_S, MAX_LAG_S, STEP_S) * data.rate).astype(np.int64)
-    region = data.region
-    start = max(region.start, lags[-1])
-    if region.stop - start < 2 * HALF_WIDTH:
-        raise NotApplicable(TOO_SHORT)
-    causes = lagged(np.gradient(data.angle, axis=1), np.unique(lags), start, region.stop)
+    region, start = data.region, max(data.region.start, LATE_LAGS[-1])
+    causes = lagged(np.gradient(data.angle, axis=1), LATE_LAGS, start, region.stop)
     residual = data.fit.residual[:, start - region.start :]
-    gain = gains(residual, causes)
-    share = gain.sum() / np.sum(residual**2)
-    what = (
-        f"the movement {1000 * MIN_REFLEX_LAG_S:.0f} to {1000 * MAX_LAG_S:.0f} ms before predicts "
-        f"{_percent(share)} of the residual torque"
-    )
-    return Measured(100 * max(0.0, share), what, is_mean_significant(gain))
+    what = "the movement 40 to 300 ms before predicts {} of the residual torque"
+    return _gained(gains(residual, causes), residual, what)
+
+
+def _gained(gain: Array, target: Array, what: str) -> Measured:
+    """Return the share of a signal that is predicted, from the gain in each realization."""
+    share = gain.sum() / np.sum(target**2)
+    is_sure = share > 0 and is_mean_significant(gain)
+    return Measured(100 * max(0.0, share), what.format(_percent(share)), is_sure)
 
 
 def _percent(share: float) -> str:

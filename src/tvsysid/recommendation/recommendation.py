@@ -273,9 +273,6 @@ def measure(
             model = AdaptiveRegression().identify(low_rate)
     if isinstance(model, AdaptiveModel):
         measured |= _changes(model)
-        if reference is not None and "loop-bias" in found:
-            shape = _or_nan(shape_over_level, low_rate, reference, model)
-            measured["shape over level"] = (shape, "")
     measured["evidence of few harmonics"] = (_or_nan(_few_harmonics, low_rate), "nat")
     return measured
 
@@ -339,14 +336,3 @@ def _few_harmonics(ensemble: Ensemble) -> float:
     groups = np.digitize(harmonics, [MAX_FEW_HARMONICS + 0.5, math.inf])
     few, more, other = (evidence.values[groups == group].max() for group in range(3))
     return float(few - (more if more > few else other))
-
-
-def shape_over_level(ensemble: Ensemble, reference: str, model: Model) -> float:
-    """Return the RMS difference in shape over the difference on average of two stiffnesses.
-
-    One is the model's. The other is identified with the reference.
-    """
-    found = BasisIRF(reference=reference).tuned(ensemble).method.identify(ensemble)
-    difference = found.stiffness - np.interp(found.time, model.time, model.stiffness)
-    level = mean_of(difference)
-    return math.sqrt(mean_of((difference - level) ** 2)) / abs(level) if level else math.nan

@@ -65,12 +65,6 @@ RULES = (
         "noise have more weight",
     ),
     Rule(
-        ("loop bias > 5", "switches > 0", "shape over level > 1"),
-        ("adaptive",),
-        f"{CLOSED_LOOP}, which makes stiffness {{loop bias:.0f}} % too low or high. Methods that "
-        "use {reference!r} as the reference smear its switches, which is worse",
-    ),
-    Rule(
         ("loop bias > 5",),
         (f"{BY_REFERENCE[1]},tuned=true", BY_REFERENCE[1], "kbr:reference={reference}"),
         f"{CLOSED_LOOP}, but not {{reference!r}}",
@@ -165,11 +159,6 @@ OBJECTIONS = (
         "scheduling variable > 0",
         ("adaptive", *ONE_PATHWAY),
         "It takes all realizations as alike; {scheduling!r} differs between them.",
-    ),
-    Objection(
-        "shape over level > 1",
-        ("sds", "esm", "birf", "kbr"),
-        "It smears switches of the stiffness ({switches:.0f}), which is worse than the loop.",
     ),
     Objection(
         "loop bias > 5",

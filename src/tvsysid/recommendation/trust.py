@@ -12,7 +12,7 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.quality import FAULTS, Finding
+from tvsysid.quality import Finding
 from tvsysid.recommendation.recommendation import POSSIBLE_LOOP, Recommendation
 from tvsysid.recommendation.rules import NOISE_BIAS, SLOW_NOISE, holds
 from tvsysid.signals import Array
@@ -106,10 +106,7 @@ def trust_in(
     has_reference = any(item.kind == "reference" for item in method.inputs)
     unnamed, loop = recommendation.unnamed_references, _described(LOOP, faults)
     wrong = _described(WRONG, _with_one_cause(faults))
-    mean = mean_of(model.stiffness)
-    if abs(mean) < FAULTS["torque-unit"].lowest and "torque-unit" not in faults:
-        wrong.append(WRONG["too-soft"].format(what=f"the mean stiffness is {mean:.2g} N·m/rad"))
-    elif mean < 0 and not faults.keys() & {"reversed-torque", "torque-unit"}:
+    if not wrong and mean_of(model.stiffness) < 0:
         wrong.append(REVERSED)
     if has_reference:
         loop = []

@@ -68,13 +68,6 @@ def test_signals_are_kept_as_they_are_and_cannot_be_changed(kind):
         ensemble.sampling_rate = 5.0
 
 
-@pytest.mark.parametrize("index", [[], [10], [True, False]])
-def test_select_refuses_what_is_not_there(angle, index):
-    ensemble = tv.Ensemble(angle.reshape(10, 50), angle.reshape(10, 50), 100.0)
-    with pytest.raises(tv.InputError, match="select: "):
-        ensemble.select(index)
-
-
 def test_time_begins_anew_with_each_trial(angle):
     recording = tv.Recording(angle, angle, 100.0, start=-0.5, trial_starts=(0, 300))
     assert recording.trials == (slice(0, 300), slice(300, 500))
@@ -115,6 +108,8 @@ def test_select_takes_everything_along(random):
     for values in (chosen.signal("emg"), chosen.recorded_angle[..., 0]):
         np.testing.assert_array_equal(values, emg[[4, 4, 1]])
     assert len(chosen.select(np.arange(3) > 1)) == 1
+    with pytest.raises(tv.InputError, match="select: these realizations do not exist"):
+        chosen.select([10])
     with pytest.raises(tv.InputError, match="no 'EMG'; the signals are 'angle', 'torque', 'emg'"):
         chosen.signal("EMG")
 
@@ -133,8 +128,5 @@ def test_derivatives_of_a_sine_where_they_reach(context):
     expected = np.stack([np.sin(inside), np.cos(inside), -np.sin(inside)])[..., known]
     scaled = found[..., known] / omega ** np.arange(3)[:, None, None]
     np.testing.assert_allclose(scaled, expected, atol=2e-3)
-
-
-def test_the_angle_itself_is_known_everywhere(random):
-    angle = random.normal(size=(3, 40))
-    np.testing.assert_array_equal(tv.Ensemble(angle, 2 * angle, 100.0).derivatives(0)[0], angle)
+    ensemble = tv.Ensemble(angle, 80 * angle, 100.0)
+    np.testing.assert_array_equal(ensemble.derivatives(0)[0], angle)

@@ -24,9 +24,6 @@ METHODS = {
     "birf irf": tv.BasisIRF(model="irf"),
     "birf irf ridge": tv.BasisIRF(model="irf", prior="ridge"),
     "birf fourier": tv.BasisIRF(basis=tv.FourierSeries(4)),
-    "birf gaussian": tv.BasisIRF(basis=tv.GaussianBumps(10)),
-    "birf legendre": tv.BasisIRF(basis=tv.LegendrePolynomials(10)),
-    "birf chebyshev": tv.BasisIRF(basis=tv.ChebyshevPolynomials(10)),
     "birf periodic": tv.BasisIRF(basis=tv.CubicBSplines(10, periodic=True)),
     "esm": tv.EnsembleSpectral(),
     "esm fit": tv.EnsembleSpectral(stiffness="fit"),
@@ -52,7 +49,6 @@ REACH = {
     "kbr": (12, 12),
     "adaptive": (12, 12),
     "pc": (4, 4),
-} | {
     "cascade": (45, 4),
     "sdss": (4, 4),
 }
@@ -82,13 +78,6 @@ def _doubts_are_not_the_point():
         yield
 
 
-def assert_same(model, other, **tolerance):
-    for name in ("stiffness", "viscosity", "inertia"):
-        np.testing.assert_allclose(
-            getattr(model, name), getattr(other, name), err_msg=name, **tolerance
-        )
-
-
 def enough_for(method):
     return {"kbr": 20.0, "eirf": 150.0}.get(method.key, 60.0), "sine", "prbs"
 
@@ -104,18 +93,16 @@ def model_of(method, *data):
     return method.identify(ensemble_of(*data))
 
 
+EVERY = {name: (method, name in SECONDS or " " in name) for name, method in METHODS.items()}
+EVERY |= {other.key: (other(), True) for other in OTHER_DATA}
+EVERY |= {toy.__name__: (toy(), False) for toy in TOYS}
+
+
 @pytest.mark.parametrize(
     "method",
     [
-        *(
-            # Other settings of a method are asked the same again.
-            pytest.param(
-                METHODS[name], id=name, marks=[pytest.mark.slow] * (name in SECONDS or " " in name)
-            )
-            for name in METHODS
-        ),
-        *(pytest.param(other(), id=other.key, marks=pytest.mark.slow) for other in OTHER_DATA),
-        *(pytest.param(toy(), id=toy.__name__) for toy in TOYS),
+        pytest.param(method, id=name, marks=[pytest.mark.slow] * is_slow)
+        for name, (method, is_slow) in EVERY.items()
     ],
 )
 @pytest.mark.usefixtures("brief_cases")
@@ -126,15 +113,10 @@ def test_every_method_passes_every_check(method):
 
 @parametrize()
 def test_result_is_whole_and_immutable(method):
-    ensemble = ensemble_of()
     model = model_of(method)
-    assert isinstance(model, tv.Model)
-    np.testing.assert_array_equal(model.time, ensemble.time)
     for name in ("stiffness", "viscosity", "inertia"):
-        values = getattr(model, name)
-        assert values.shape == (ensemble.samples,)
         with pytest.raises(ValueError, match="read-only"):
-            values[0] = 0.0
+            getattr(model, name)[0] = 0.0
     assert np.isfinite(model.stiffness).all()
     with pytest.raises(attrs.exceptions.FrozenInstanceError):
         model.stiffness = None
@@ -177,19 +159,14 @@ def test_every_method_answers_bands(method):
         np.testing.assert_array_equal(np.isfinite(lower) & np.isfinite(upper), known)
         narrow = [each[known] for each in (lower, band(0.5)[0], estimate, band(0.5)[1], upper)]
         assert (np.diff(narrow, axis=0) > 0).all()
-        with pytest.raises(tv.InputError, match="level: expected a probability"):
-            band(95)
-    whole = model.estimates["stiffness"].band(simultaneous=True)
-    pointwise = model.estimates["stiffness"].band()
+    whole, pointwise = (model.estimates["stiffness"].band(simultaneous=each) for each in (1, 0))
     # For a constant, simultaneous and pointwise bands agree
     wider = np.isclose if method.time_invariant else np.greater
-    assert wider(pointwise[0], whole[0])[np.isfinite(model.stiffness)].all()
-    assert wider(whole[1], pointwise[1])[np.isfinite(model.stiffness)].all()
-    dataset = model.to_xarray()
-    np.testing.assert_array_equal(
-        dataset.stiffness_standard_error.values, model.estimates["stiffness"].standard_error.values
-    )
-    assert dataset.inertia_standard_error.attrs["units"] == "kg m2"
+    known = np.isfinite(model.stiffness)
+    assert wider(pointwise[0], whole[0])[known].all()
+    assert wider(whole[1], pointwise[1])[known].all()
+    with pytest.raises(tv.InputError, match="level: expected a probability"):
+        model.estimates["stiffness"].band(95)
 
 
 @parametrize(
@@ -201,24 +178,15 @@ def test_a_joint_of_second_order_agrees_with_one(method):
 
 
 @parametrize(*FOLLOWING)
-def test_sine_wave_is_traced(method):
-    ensemble = ensemble_of(duration_for(method), "sine", "prbs", 20.0)
-    model = method.identify(ensemble)
-    error = model.stiffness - tv.simulate.SineWave()(model.time)
+def test_the_sine_is_traced_and_other_data_of_the_joint_are_predicted(method):
+    shaken, noisy = (
+        method.identify(ensemble_of(duration_for(method), "sine", each, 20.0))
+        for each in ("prbs", "noise")
+    )
+    error = shaken.stiffness - tv.simulate.SineWave()(shaken.time)
     assert np.sqrt(np.mean(error**2)) < 6.0
-
-
-@parametrize(*FOLLOWING)
-def test_prediction_explains_the_torque(method):
-    ensemble = ensemble_of(duration_for(method), "sine", "noise", 20.0)
-    model = method.identify(ensemble)
-    predicted = model.predict(ensemble)
-    measured = ensemble.torque[:, ensemble.core]
-    assert predicted.shape == measured.shape
-    assert tv.metrics.vaf(measured, predicted).mean() > 95
-    # Another ensemble of the same joint is predicted too.
     other = ensemble_of(40.0, "sine", "noise", 20.0, seed=5)
-    predicted = model.predict(other)
+    predicted = noisy.predict(other)
     assert tv.metrics.vaf(other.torque[:, other.core], predicted).mean() > 94
 
 
@@ -247,7 +215,10 @@ def test_more_context_than_needed_changes_nothing(method):
     # Segments of 0.15 s to either side, and derivatives of 0.12 s beyond.
     long, short = ensemble_of(40.0, context=0.9), ensemble_of(40.0, context=0.3)
     assert len(long) == len(short)
-    assert_same(method.identify(long), method.identify(short), rtol=1e-6, atol=1e-9)
+    models = [method.identify(each) for each in (long, short)]
+    for name in ("stiffness", "viscosity", "inertia"):
+        one, other = (getattr(model, name) for model in models)
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
 
 
 @parametrize()
@@ -310,13 +281,6 @@ def test_settings_that_do_not_fit_the_data_are_refused(method, message):
         method.identify(ensemble_of())
 
 
-@pytest.mark.parametrize("method", [tv.BasisIRF(), tv.KernelRegression()])
-def test_realizations_too_short_for_derivatives_are_refused(method, random):
-    angle = random.normal(size=(30, 20))
-    with pytest.raises(tv.InputError, match="realizations"):
-        method.identify(tv.Ensemble(angle, angle, 100.0))
-
-
 @pytest.mark.parametrize(
     ("create", "message"),
     [
@@ -328,14 +292,6 @@ def test_realizations_too_short_for_derivatives_are_refused(method, random):
 def test_wrong_settings_are_refused(create, message):
     with pytest.raises(tv.InputError, match=message):
         create()
-
-
-def test_a_basis_of_the_wrong_shape_is_refused():
-    method = tv.BasisIRF(basis=lambda time: time)
-    with pytest.raises(
-        tv.InputError, match=r"shape \(200, functions\) for 200 times, got shape \(200,\)"
-    ):
-        method.identify(ensemble_of())
 
 
 def test_a_callable_basis_serves():
@@ -357,23 +313,16 @@ def test_a_model_that_travels_takes_its_bands_along_and_not_the_data(method):
     assert travelled.diagnostics.details.keys() == model.diagnostics.details.keys()
 
 
-@pytest.mark.parametrize("verb", ["identify", "tuned"])
-def test_blas_has_one_thread_within_a_method_and_as_many_as_before_after_it(monkeypatch, verb):
+def test_blas_has_one_thread_within_a_method_and_as_many_as_before_after_it(monkeypatch):
     def threads():
-        return [
-            library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
-        ]
+        return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
 
-    seen, method = [], tv.ShortDataSegments()
-    for name in ("fit", "_evidence"):
-        own = getattr(tv.ShortDataSegments, name)
-        monkeypatch.setattr(
-            tv.ShortDataSegments,
-            name,
-            lambda *given, own=own: seen.append(threads()) or own(*given),
-        )
+    seen, own = [], tv.ShortDataSegments.fit
+    monkeypatch.setattr(
+        tv.ShortDataSegments, "fit", lambda *given: seen.append(threads()) or own(*given)
+    )
     with threadpool_limits(2):
         before = threads()
-        getattr(method, verb)(ensemble_of())
+        tv.ShortDataSegments().identify(ensemble_of())
         assert threads() == before
-    assert {tuple(each) for each in seen} == {(1, 1)} != {tuple(before)}
+    assert seen == [{1}] != [before]

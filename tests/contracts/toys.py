@@ -17,24 +17,6 @@ WINDOW = 11
 """Samples over which a joint is taken as constant."""
 
 
-def model_of(method, ensemble, parameters, estimates, coordinates=None):
-    """Return a model whose torque is the sum of a method's regressors times parameters."""
-
-    def pathways(other):
-        torques = parameters.reshape(len(parameters), 1, -1) * method.regressors(other)
-        reflex = {"reflex": torques[3]} if "reflex_gain" in estimates else {}
-        return {"intrinsic": torques.sum(axis=0) - sum(reflex.values())} | reflex
-
-    return tv.Model.of(ensemble, estimates=estimates, coordinates=coordinates, pathways=pathways)
-
-
-def over_time(names, values, errors):
-    return {
-        name: Estimate(estimate, UNITS[name], error=StandardError(error, np.inf))
-        for name, estimate, error in zip(names, values, errors, strict=True)
-    }
-
-
 def windowed(values, axis=0):
     return WINDOW * uniform_filter1d(values, WINDOW, axis=axis, mode="constant")
 
@@ -44,29 +26,54 @@ def products(x, y):
     return windowed(np.einsum("irt,jrt->tij", x, y))
 
 
-def sliding_fit(regressors, torque, instruments):
-    """Return values and standard errors, each (regressor, time), of a sliding window.
+class Toy(tv.Method):
+    """A torque that is a sum of regressors (regressor, realization, time) times parameters."""
 
-    The window contains all realizations.
-    """
-    known = np.isfinite(regressors).all(axis=0) & np.isfinite(instruments).all(axis=0)
-    x, z, y = (np.where(known, each, 0.0) for each in (regressors, instruments, torque))
-    inverse = np.linalg.pinv(products(z, x))
-    values = (inverse @ products(z, y[None]))[..., 0].T
-    squares = np.sum(np.where(known, y - np.einsum("it,irt->rt", values, x), 0.0) ** 2, axis=0)
-    noise = windowed(squares) / np.maximum(windowed(known.sum(axis=0).astype(float)), 1.0)
-    spread = np.einsum("tij,tjk,tik->it", inverse, products(z, z), inverse)
-    values[:, ~known.any(axis=0)] = np.nan
-    variance = np.maximum(noise * spread, 0.0)  # a running sum may leave less than 0
-    return values, np.sqrt(variance) + 0 * values
+    names = IMPEDANCE
+
+    def regressors(self, ensemble):
+        return ensemble.derivatives()
+
+    def instruments(self, ensemble):
+        return self.regressors(ensemble)
+
+    def fit(self, ensemble):
+        """Fit a sliding window that contains all realizations."""
+        regressors, instruments = self.regressors(ensemble), self.instruments(ensemble)
+        known = np.isfinite([regressors, instruments]).all(axis=(0, 1))
+        torque = ensemble.torque[:, ensemble.core]
+        x, z, y = (np.where(known, each, 0.0) for each in (regressors, instruments, torque))
+        inverse = np.linalg.pinv(products(z, x))
+        values = (inverse @ products(z, y[None]))[..., 0].T
+        left = np.sum(np.where(known, y - np.einsum("it,irt->rt", values, x), 0.0) ** 2, axis=0)
+        noise = windowed(left) / np.maximum(windowed(known.sum(axis=0).astype(float)), 1.0)
+        spread = np.einsum("tij,tjk,tik->it", inverse, products(z, z), inverse)
+        values[:, ~known.any(axis=0)] = np.nan
+        errors = np.sqrt(np.maximum(noise * spread, 0.0)) + 0 * values
+        estimates = {
+            name: Estimate(value, UNITS[name], error=StandardError(error, np.inf))
+            for name, value, error in zip(self.names, values, errors, strict=True)
+        }
+        return self.model_of(ensemble, values, estimates)
+
+    def model_of(self, ensemble, parameters, estimates, coordinates=None):
+        def pathways(other):
+            torques = parameters.reshape(len(parameters), 1, -1) * self.regressors(other)
+            reflex = {"reflex": torques[3]} if "reflex_gain" in estimates else {}
+            return {"intrinsic": torques.sum(axis=0) - sum(reflex.values())} | reflex
+
+        return tv.Model.of(
+            ensemble, estimates=estimates, coordinates=coordinates, pathways=pathways
+        )
 
 
-class Cascade(tv.Method):
+class Cascade(Toy):
     """A second-order joint beside a stretch reflex.
 
     The reflex is the velocity, delayed, rectified and passed through a muscle.
     """
 
+    names = (*IMPEDANCE, "reflex_gain")
     quantities = ("reflex_gain",)
     pathway_names = ("intrinsic", "reflex")
 
@@ -81,14 +88,8 @@ class Cascade(tv.Method):
             reflex -= reflex.mean(axis=0)
         return np.concatenate([ensemble.derivatives(), reflex[None, :, ensemble.core]])
 
-    def fit(self, ensemble):
-        regressors = self.regressors(ensemble)
-        values, errors = sliding_fit(regressors, ensemble.torque[:, ensemble.core], regressors)
-        estimates = over_time((*IMPEDANCE, "reflex_gain"), values, errors)
-        return model_of(self, ensemble, values, estimates)
 
-
-class Scheduled(tv.Method):
+class Scheduled(Toy):
     """A stiffness that rises in a straight line with the muscle's activity, whatever the time."""
 
     inputs = (Input("emg", "scheduling", "1"),)
@@ -114,17 +115,20 @@ class Scheduled(tv.Method):
 
         emg = ensemble.signal("emg")[:, ensemble.core]
         levels = np.linspace(emg.min(), emg.max(), 20)
-        spread = np.sqrt(np.diag(covariance))
-        constants = (np.tile(each[1:3, None], ensemble.samples) for each in (values, spread))
         estimates = {
             "stiffness": stiffness(emg, "realization", "time"),
             "stiffness_at_emg": stiffness(levels, "emg"),
-            **over_time(IMPEDANCE[1:], *constants),
         }
-        return model_of(self, ensemble, values, estimates, {"emg": levels})
+        for place, name in enumerate(IMPEDANCE[1:], 1):
+            error = StandardError(
+                np.full(ensemble.samples, covariance[place, place] ** 0.5), np.inf
+            )
+            constant = np.full(ensemble.samples, values[place])
+            estimates[name] = Estimate(constant, UNITS[name], error=error)
+        return self.model_of(ensemble, values, estimates, {"emg": levels})
 
 
-class Instrumental(tv.Method):
+class Instrumental(Toy):
     """A joint in a closed loop, where noise moves the angle, too.
 
     The instrument is what the reference moves.
@@ -132,30 +136,22 @@ class Instrumental(tv.Method):
 
     inputs = (Input("disturbance", "reference", "N m"),)
 
-    def regressors(self, ensemble):
-        return ensemble.derivatives()
-
-    def fit(self, ensemble):
+    def instruments(self, ensemble):
         reference, length = ensemble.signal("disturbance"), ensemble.angle.shape[1]
         padded = np.pad(reference, ((0, 0), (30, 4)))
         lagged = np.stack([padded[:, first : first + length].ravel() for first in range(35)])
         weights = np.linalg.lstsq(lagged.T, ensemble.angle.ravel(), rcond=None)[0]
-        moved = attrs.evolve(ensemble, angle=(weights @ lagged).reshape(ensemble.angle.shape))
-        torque = ensemble.torque[:, ensemble.core]
-        values, errors = sliding_fit(self.regressors(ensemble), torque, self.regressors(moved))
-        return model_of(self, ensemble, values, over_time(IMPEDANCE, values, errors))
+        moved = (weights @ lagged).reshape(ensemble.angle.shape)
+        return attrs.evolve(ensemble, angle=moved).derivatives()
 
 
-class Recursive(tv.Method):
+class Recursive(Toy):
     """A joint that changes from one realization to the next: those before count less and less."""
 
     contiguous = True
 
     def skip(self, ensemble):
         return None if len(ensemble) >= 3 else f"it needs 3 realizations, got {len(ensemble)}"
-
-    def regressors(self, ensemble):
-        return ensemble.derivatives()
 
     def fit(self, ensemble):
         regressors, torque = self.regressors(ensemble), ensemble.torque[:, ensemble.core]
@@ -173,7 +169,7 @@ class Recursive(tv.Method):
         axes = ("realization", "time")
         pairs = zip(IMPEDANCE, values, strict=True)
         estimates = {name: Estimate(each, UNITS[name], axes) for name, each in pairs}
-        return model_of(self, ensemble, values.mean(axis=1), estimates)
+        return self.model_of(ensemble, values.mean(axis=1), estimates)
 
 
 TOYS = (Cascade, Scheduled, Instrumental, Recursive)

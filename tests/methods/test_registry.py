@@ -116,15 +116,6 @@ def installed(folder):
 
 
 @pytest.mark.usefixtures("folder")
-def test_class_of_ones_own():
-    method = parse("mine_for_tests:Fit")
-    assert type(method).__name__ == "Fit"
-    assert method.window == 0.1
-    assert parse("mine_for_tests:Outer.Inner") == method
-    assert parse("mine_for_tests:ready:order=2").window == 0.7
-
-
-@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
     ("text", "name", "value"),
     [
@@ -145,6 +136,8 @@ def test_settings_get_the_types_of_the_fields(text, name, value):
 
 @pytest.mark.usefixtures("folder")
 def test_settings_of_a_plain_class_have_the_types_of_its_arguments():
+    assert parse("mine_for_tests:Outer.Inner").window == 0.1
+    assert parse("mine_for_tests:ready:order=2").window == 0.7
     method = parse("mine_for_tests:Plain:gain=2,label=[1, 2]")
     assert (method.gain, method.label) == (2.0, [1, 2])
     assert type(method.gain) is float

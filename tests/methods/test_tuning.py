@@ -9,7 +9,6 @@ from tests.conftest import ensemble_of
 import tvsysid as tv
 from tvsysid.methods.shared.residuals import independent_share
 from tvsysid.methods.tuning import halves
-from tvsysid.methods.tuning.evidence import edge_of
 from tvsysid.numerics.noise import white_share
 
 METHODS = [
@@ -60,7 +59,6 @@ def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_t
     assert list(table.value) == list(evidence.values)
     assert list(np.flatnonzero(table.chosen)) == [evidence.chosen]
     assert f"{len(evidence.values)} tried" in repr(evidence)
-    assert evidence._repr_html_().count("<tr") == len(evidence.values) + 1
     # It identifies, and no worse than before.
     truth = tv.simulate.SquareWave()(ensemble.time)
     errors = [
@@ -83,16 +81,6 @@ def test_the_seed_deals_the_halves(few_deals):
     ensemble = ensemble_of(40.0, "sine", "prbs")
     one, other = (tv.EnsembleSpectral().tuned(ensemble, seed).evidence.values for seed in (0, 1))
     assert not np.array_equal(one, other)
-
-
-def test_what_lies_at_the_edge_of_what_was_tried_is_said_to():
-    assert edge_of("window", 0.02, (0.04, 0.02, 0.1)) == (
-        "window=0.02 is the smallest that was tried",
-    )
-    assert edge_of("window", 0.4, (0.04, 0.02, 0.1)) == (
-        "window=0.4 is the largest that was tried",
-    )
-    assert edge_of("window", 0.04, (0.04, 0.02, 0.1)) == edge_of("window", 0.04, (0.04,)) == ()
 
 
 # Windows and lags: halves.

@@ -14,7 +14,14 @@ from tvsysid.errors import InputError
 from tvsysid.methods import base, shared, tuning
 from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.models import Diagnostics, Model
-from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
+from tvsysid.numerics.bases import (
+    Basis,
+    CubicBSplines,
+    FourierSeries,
+    HaarWavelets,
+    check_basis,
+    evaluate,
+)
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import one_of, positive
@@ -22,6 +29,15 @@ from tvsysid.validators import one_of, positive
 Prior = Literal["ard", "ridge", "none"]
 Structure = Literal["parametric", "irf"]
 
+# Bases that are tried.
+BASES: tuple[Basis, ...] = (
+    *(CubicBSplines(functions) for functions in (4, 6, 8, 10, 12, 16, 20, 28, 40)),
+    *(CubicBSplines(functions, periodic=True) for functions in (6, 8, 10, 12, 16, 20, 28, 40)),
+    *(FourierSeries(harmonics) for harmonics in (0, 1, 2, 3, 4, 6, 8, 12, 16)),
+    *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
+)
+MAX_COEFFICIENTS = 500
+MIN_GAIN_NAT = 3.0  # log evidence by which another basis must be better: 20 to 1
 COLOUR = 0.6  # s over which the noise's autocorrelation counts with a reference
 
 
@@ -117,14 +133,12 @@ class BasisIRF(shared.ByReference):
         else:  # a second-order fit, weighted by the angle's mean correlations
             derivative = shared.derivative_filters(weights.shape[1] // 2, rate)
             projected = derivative @ signals.gram.mean(axis=0)
-            inverse = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
-            readout = inverse.inverse[0] @ projected
+            fit = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
+            readout = fit.inverse[0] @ projected
             impedance, left = weights @ readout.T, shared.residual(ensemble, weights)
             readout[0] = 1.0  # stiffness is the area under the response
             over_time = base.padded(impedance, missing)
             agreement = shared.second_order_agreement(ensemble, ensemble, over_time)
-        table = columns.covariance(posterior.covariance)
-        covariances = np.einsum("mjbk,mb->mjk", np.tensordot(readout, table, 1), readout)
         effective, colour = posterior.effective, None
         # With a reference, the covariances count the noise's colour already.
         if self.reference is None:
@@ -135,7 +149,7 @@ class BasisIRF(shared.ByReference):
         errors = partial(
             shared.posterior_errors,
             [columns.functions] * 3,
-            covariances,
+            [*columns.covariances(posterior.covariance, readout)],
             freedom,
             ensemble.samples,
             colour=colour,
@@ -144,82 +158,114 @@ class BasisIRF(shared.ByReference):
         details = {
             "noise_variance": posterior.noise_variance,
             "log_evidence": posterior.log_evidence,
-            "iterations": posterior.iterations,
-            "converged": float(posterior.converged),
             "second_order_agreement": agreement,
         }
         diagnostics = Diagnostics(effective, details=details)
         if self.model == "irf":
             return shared.impulse_response_model(ensemble, weights, impedance, diagnostics, errors)
-        count, scale = columns.functions.shape[1] - 1, columns.scale
-        names = [f"{name} {j}" for name in shared.IMPEDANCE[:2] for j in range(count)]
+        names = (
+            f"{name} {j}"
+            for name in ("stiffness", "viscosity")
+            for j in range(columns.functions.shape[1] - 1)
+        )
         return SecondOrderModel(
             sampling_rate=rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(base.padded(impedance, missing), errors),
-            posterior=posterior._replace(
-                mean=scale * posterior.mean,
-                covariance=posterior.covariance * np.outer(scale, scale),
-            ),
+            posterior=posterior,
             labels=(*names, "inertia"),
             diagnostics=diagnostics,
         )
 
     def _signals(self, ensemble: Ensemble, products: Array) -> Signals:
         """Return the moments of angle, velocity and acceleration, or of lagged angles."""
+        is_irf, rate = self.model == "irf", ensemble.sampling_rate
         lags = shared.HALF_WIDTH
-        if self.model == "irf":
+        if is_irf:
             lags = base.fitting_lags("BasisIRF", self.max_lag, ensemble)
         base.check_window("BasisIRF: the derivatives of the angle", 2 * lags + 1, ensemble)
         first = max(0, ensemble.context - lags)
         reach = slice(first, ensemble.angle.shape[1] - first)
         angle, torque = ensemble.angle[:, reach], ensemble.torque[:, reach]
-        if self.model == "irf":
+        if is_irf:
             gram, cross, square, _ = shared.lagged_moments(angle, torque, lags)
-            power = np.full(2 * lags + 1, np.trace(gram.mean(axis=0)) / (2 * lags + 1))
         else:
-            rate = ensemble.sampling_rate
             gram, cross, square = shared.derivative_moments(products, angle, torque, rate)
-            power = np.mean(np.diagonal(gram, axis1=1, axis2=2), axis=0)
-        rms = np.sqrt(np.maximum(power, np.finfo(float).tiny))
-        return Signals(gram, cross, square, rms)
+        power = np.mean(np.diagonal(gram, axis1=1, axis2=2), axis=0)
+        if is_irf:  # lags have one unit
+            power[:] = power.mean()
+        return Signals(gram, cross, square, np.sqrt(np.maximum(power, np.finfo(float).tiny)))
 
     def _columns(self, signals: Signals, basis: Basis, ensemble: Ensemble) -> Columns:
         """Return the columns of a basis. The inertia of the parametric model is constant."""
         functions = evaluate(basis, ensemble.samples)
         missing = (len(functions) - len(signals.square)) // 2
         functions = functions[missing : len(functions) - missing]
-        if self.model == "irf":
-            chosen = np.ones((len(signals.rms), functions.shape[1]), dtype=bool)
-        else:
+        chosen = np.ones((len(signals.rms), functions.shape[1]), dtype=bool)
+        if self.model == "parametric":
             functions = np.column_stack([functions, np.ones(len(functions))])
-            is_constant = np.arange(functions.shape[1]) == functions.shape[1] - 1
-            chosen = np.stack([~is_constant, ~is_constant, is_constant])
-        return Columns(functions, chosen, signals.rms)
+            chosen = np.pad(chosen, ((0, 0), (0, 1)))
+            chosen[2] = ~chosen[2]
+        return Columns(functions, chosen)
 
     def _posterior(
         self, signals: Signals, columns: Columns, ensemble: Ensemble, share: float = 1.0
     ) -> shared.Regression:
-        """Return the posterior. Samples count only as a ``share`` of independent ones."""
-        cross = ((signals.cross / columns.rms).T @ columns.functions)[columns.chosen]
-        square, times = float(signals.square.sum()), len(signals.square)
-        moments = shared.Moments(columns.gram(signals.gram), cross, square, times)
-        return shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
+        """Return the posterior. Samples count only as a ``share`` of independent ones.
+
+        Signals of unit RMS have the prior.
+        """
+        scale = 1 / np.repeat(signals.rms, columns.chosen.sum(axis=1))
+        units = np.outer(scale, scale)
+        cross = (signals.cross.T @ columns.functions)[columns.chosen] * scale
+        gram = columns.gram(signals.gram) * units
+        moments = shared.Moments(gram, cross, float(signals.square.sum()), len(signals.square))
+        found = shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
+        return found._replace(mean=scale * found.mean, covariance=units * found.covariance)
 
     def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        """Return the log evidence of bases. The ``seed`` is not used: nothing is random."""
+        """Compare bases by their log evidence, less the number of precisions that were fitted.
+
+        Each of these raises the evidence, even of a function that is not there. The ``seed`` is not
+        used: nothing is random.
+        """
+        if self.prior == "none":
+            raise InputError(
+                "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' "
+                "or 'ridge'"
+            )
         predicted = self.fit(ensemble).predict(ensemble)
         share = shared.independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
         signals = self._signals(ensemble, shared.colour_products(ensemble))
-
-        def log_evidence(basis: Basis) -> float:
-            columns = self._columns(signals, basis, ensemble)
-            return self._posterior(signals, columns, ensemble, share).log_evidence
-
         per_function = 2 if self.model == "parametric" else len(signals.rms)
-        return tuning.evidence_of_bases(
-            self.basis, self.prior, ensemble.samples, log_evidence, per_function
+        tried, functions, values = [], [], []
+        for basis in dict.fromkeys((self.basis, *BASES)):
+            count = evaluate(basis, ensemble.samples).shape[1]
+            if per_function * count > MAX_COEFFICIENTS and basis != self.basis:
+                continue
+            columns = self._columns(signals, basis, ensemble)
+            evidence = self._posterior(signals, columns, ensemble, share).log_evidence
+            tried.append(basis)
+            functions.append(count)
+            values.append(evidence - (per_function * count if self.prior == "ard" else 1))
+        best = int(np.argmax(values))
+        return tuning.Evidence(
+            criterion="log evidence less precisions fitted",
+            unit="nat",
+            better="higher",
+            tried=tuple({"basis": basis} for basis in tried),
+            values=np.array(values),
+            chosen=best if values[best] > values[0] + MIN_GAIN_NAT else 0,
+            axis="functions",
+            positions=np.array(functions),
+            lines=tuple(map(_kind, tried)),
         )
+
+
+def _kind(basis: Basis) -> str:
+    """Return the name of a basis, without the number of its functions."""
+    name = getattr(type(basis), "__name__", "basis")
+    return f"periodic {name}" if isinstance(basis, CubicBSplines) and basis.periodic else name
 
 
 class Signals(NamedTuple):
@@ -236,38 +282,36 @@ class Signals(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Columns of the regression: signals of unit RMS times functions of time.
+    """Columns of the regression: signals times functions of time.
 
     ``functions`` has shape (time, function), ``chosen`` (signal, function) says which signal is
-    multiplied by which function. ``rms`` (signal,) is what the signals are divided by.
+    multiplied by which function.
     """
 
     functions: Array
     chosen: NDArray[np.bool_]
-    rms: Array
-
-    @property
-    def scale(self) -> Array:
-        """Return what gives coefficients (column,) the units of the signals."""
-        return np.asarray(1 / np.repeat(self.rms, self.chosen.sum(axis=1)))
 
     def gram(self, products: Array) -> Array:
         """Return the Gram matrix from products of signals at each time (time, signal, signal)."""
-        gram = expanded(products / np.outer(self.rms, self.rms), self.functions)
-        return gram[np.ix_(self.chosen.ravel(), self.chosen.ravel())]
+        chosen = self.chosen.ravel()
+        return expanded(products, self.functions)[np.ix_(chosen, chosen)]
 
     def weights(self, coefficients: Array) -> Array:
         """Return the weight of each signal over time, shape (time, signal)."""
         table = np.zeros(self.chosen.shape)
-        table[self.chosen] = self.scale * coefficients
+        table[self.chosen] = coefficients
         return self.functions @ table.T
 
-    def covariance(self, covariance: Array) -> Array:
-        """Return a covariance of coefficients, shape (signal, function, signal, function)."""
-        table = np.zeros((self.chosen.size, self.chosen.size))
-        chosen = self.chosen.ravel()
-        table[np.ix_(chosen, chosen)] = covariance * np.outer(self.scale, self.scale)
-        return table.reshape(*self.chosen.shape, *self.chosen.shape)
+    def covariances(self, covariance: Array, readout: Array) -> Array:
+        """Return the covariances (quantity, function, function) of sums of signals' coefficients.
+
+        ``readout`` has shape (quantity, signal).
+        """
+        chosen, (signals, functions) = self.chosen.ravel(), self.chosen.shape
+        table = np.zeros((chosen.size, chosen.size))
+        table[np.ix_(chosen, chosen)] = covariance
+        mixed = np.tensordot(readout, table.reshape(signals, functions, signals, functions), 1)
+        return np.asarray(np.einsum("mjbk,mb->mjk", mixed, readout))
 
 
 def _instrumental(
@@ -313,6 +357,5 @@ def _noise_through(columns: Columns, signals: Array, left: Array, lags: int) -> 
     covariance = shared.autocovariance(left, lags) * taper
     noise = toeplitz(np.pad(covariance, (0, samples - lags - 1)))
     signal, function = np.nonzero(columns.chosen)
-    functions = columns.functions.T[function] * columns.scale[:, None]
-    rows = (functions * each[signal] for each in signals.transpose(1, 0, 2))
+    rows = (columns.functions.T[function] * each[signal] for each in signals.transpose(1, 0, 2))
     return np.asarray(sum(each @ noise @ each.T for each in rows))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import attrs
 import numpy as np
@@ -32,8 +32,6 @@ EXCITED = 1e-6
 WINDOWS = (0.12, 0.16, 0.20, 0.26, 0.30, 0.36, 0.44, 0.56, 0.70)
 REFERENCE_LAG = 0.12  # s of the impulse response that tuning compares with
 TINY = float(np.finfo(np.float64).tiny)  # keeps the response finite where there is no input
-
-Edges = tuple[int, int]  # times at either end without a whole window
 
 
 @attrs.frozen
@@ -117,67 +115,53 @@ class EnsembleSpectral(shared.ByReference):
         before, after = length // 2, (length - 1) // 2
         missing = base.missing_edge(before, ensemble), base.missing_edge(after, ensemble)
         within = slice(
-            ensemble.context + missing[0] - before,
-            ensemble.context + ensemble.samples - missing[1] + after,
+            ensemble.core.start + missing[0] - before, ensemble.core.stop - missing[1] + after
         )
-        find = self._by_angle if self.reference is None else self._by_reference
-        found = find(ensemble, moved, shared.hann(length) ** 2, within, missing)
-        spectra = found.spectra
+        products, power = shared.colour_products(moved), shared.hann(length) ** 2
+        first = within.start + (len(products) - moved.angle.shape[1] + 1) // 2
+        along = products[first : first + within.stop - within.start]
+        z, angle, torque = (
+            each[:, within] for each in (moved.angle, ensemble.angle, ensemble.torque)
+        )
+        spectra = shared.short_time_spectra(z, torque, length, along)
+        response = spectra.yu / np.maximum(spectra.uu, TINY)
+        realizations = shared.independent_realizations(ensemble)
+        warned: tuple[str, ...] = ()
+        errors: shared.Errors
+        if self.reference is None:
+            segments = shared.SegmentFit.of(ensemble, power, within, products)
+            impedance, at_rest, agreement = segments.impedance, None, segments.agreement
+            if self.stiffness == "dc":
+                stiffness = response[:, 0].real
+                warned = _leaking(stiffness, impedance[:, 0])
+                impedance = np.column_stack([stiffness, impedance[:, 1:]])
+                at_rest = _variance_at_rest(angle, torque, stiffness, realizations)
+            errors = partial(segment_errors, segments, at_rest, missing, shared.counted(ensemble))
+        else:
+            with_angle = shared.short_time_spectra(z, angle, length, along)
+            response *= _angle_ratio(with_angle, realizations)
+            fit = shared.instrumental_fit(ensemble, moved, power, within)
+            impedance = fit.impedance
+            values = base.padded(np.sqrt(fit.variances), *missing)
+            errors = shared.standard_errors(values, max(1.0, realizations - 3.0))
+            over_time = base.padded(impedance, *missing)
+            agreement = shared.second_order_agreement(ensemble, moved, over_time)
         excited = spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)
-        excited &= np.isfinite(found.response)
+        excited &= np.isfinite(response)
         powers = np.maximum(spectra.uu, TINY) * np.maximum(spectra.yy, TINY)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
-        details = {"second_order_agreement": found.agreement}
-        impedance = base.padded(found.impedance, *missing)
+        details = {"second_order_agreement": agreement}
         return (FrequencyResponseModel if self.reference is None else InstrumentalResponseModel)(
             sampling_rate=rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(impedance, found.errors),
-            frequency_response=base.padded(found.response, *missing),
+            estimates=shared.impedance_estimates(base.padded(impedance, *missing), errors),
+            frequency_response=base.padded(response, *missing),
             frequencies=np.asarray(np.fft.rfftfreq(length, 1 / rate)),
             coherence=base.padded(coherence, *missing),
             excited=base.padded(excited.astype(np.float64), *missing) > 0,
             segment=length,
-            diagnostics=Diagnostics(float(length), warnings=found.warnings, details=details),
+            diagnostics=Diagnostics(float(length), warnings=warned, details=details),
         )
-
-    def _by_angle(
-        self, ensemble: Ensemble, moved: Ensemble, power: Array, within: slice, missing: Edges
-    ) -> Estimated:
-        """Estimate where the angle is imposed."""
-        products = shared.colour_products(ensemble)
-        mirrored = (len(products) - ensemble.angle.shape[1] + 1) // 2
-        along = products[mirrored + within.start : mirrored + within.stop]
-        angle, torque = ensemble.angle[:, within], ensemble.torque[:, within]
-        spectra = shared.short_time_spectra(angle, torque, len(power), along)
-        response = spectra.yu / np.maximum(spectra.uu, TINY)
-        fit = shared.SegmentFit.of(ensemble, power, within, products)
-        impedance, at_rest = fit.impedance, None
-        warned: tuple[str, ...] = ()
-        if self.stiffness == "dc":
-            stiffness = response[:, 0].real
-            warned = _leaking(stiffness, impedance[:, 0])
-            impedance = np.column_stack([stiffness, impedance[:, 1:]])
-            at_rest = _variance_at_rest(angle, torque, stiffness, fit.realizations)
-        errors = partial(segment_errors, fit, at_rest, missing, shared.counted(ensemble))
-        return Estimated(spectra, response, impedance, errors, fit.agreement, warned)
-
-    def _by_reference(
-        self, ensemble: Ensemble, moved: Ensemble, power: Array, within: slice, missing: Edges
-    ) -> Estimated:
-        """Estimate by the angle that a reference moves."""
-        z, torque = moved.angle[:, within], ensemble.torque[:, within]
-        spectra = shared.short_time_spectra(z, torque, len(power))
-        with_angle = shared.short_time_spectra(z, ensemble.angle[:, within], len(power))
-        independent = shared.independent_realizations(ensemble)
-        ratio = _angle_ratio(with_angle, independent)
-        response = ratio * spectra.yu / np.maximum(spectra.uu, TINY)
-        fit = shared.instrumental_fit(ensemble, moved, power, within)
-        values = base.padded(np.sqrt(fit.variances), *missing)
-        errors = shared.standard_errors(values, max(1.0, independent - 3.0))
-        impedance = base.padded(fit.impedance, *missing)
-        agreement = shared.second_order_agreement(ensemble, moved, impedance)
-        return Estimated(spectra, response, fit.impedance, errors, agreement)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate
@@ -205,17 +189,6 @@ class InstrumentalResponseModel(FrequencyResponseModel):
     """
 
     _pathways = Model._pathways
-
-
-class Estimated(NamedTuple):
-    """Spectra of segments, response and impedance at the times of whole windows, and errors."""
-
-    spectra: ShortTimeSpectra
-    response: NDArray[np.complex128]
-    impedance: Array
-    errors: shared.Errors
-    agreement: float
-    warnings: tuple[str, ...] = ()
 
 
 def _angle_ratio(spectra: ShortTimeSpectra, independent: int) -> NDArray[np.complex128]:
@@ -253,24 +226,18 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
     """
     window = shared.hann(angle.shape[1] - len(stiffness) + 1)
     weights = np.broadcast_to(window[::-1], (len(stiffness), len(window)))
-    sums, answers = shared.convolve_lags(angle, weights), shared.convolve_lags(torque, weights)
-    squares = sums * sums
+    sums = shared.convolve_lags(angle, weights)
+    left = shared.convolve_lags(torque, weights) - sums * stiffness
+    squares = sums**2
     total = np.maximum(squares.sum(axis=0), TINY)
-    # In place: what takes time here is memory.
-    sums *= stiffness
-    answers -= sums
-    answers *= answers
-    answers *= squares
-    squares /= total
-    np.subtract(independent / len(angle), squares, out=squares)
     with np.errstate(divide="ignore", invalid="ignore"):
-        answers /= squares
-        variance = np.sum(answers, axis=0) / total**2
+        known = independent / len(angle) - squares / total
+        variance = np.sum(squares * left**2 / known, axis=0) / total**2
     return np.where(np.isfinite(variance), variance, np.nan)
 
 
 def segment_errors(
-    fit: shared.SegmentFit, at_rest: Array | None, missing: Edges, counted: str
+    fit: shared.SegmentFit, at_rest: Array | None, missing: tuple[int, int], counted: str
 ) -> dict[str, shared.StandardError]:
     """Return the standard errors of the second-order fit to segments, and at 0 Hz.
 

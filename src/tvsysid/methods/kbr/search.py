@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Mask, Record, kernel_over
-from tvsysid.methods.tuning.evidence import Evidence, edge_of
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Array, Ensemble
 
@@ -200,10 +200,6 @@ def evidence_of(tried: Sequence[Candidate], method: object, scale: float) -> Evi
     settings = [each.settings(scale) for each in tried]
     values = np.array([each.value for each in tried])
     chosen = int(np.nanargmax(values))
-    grids = {"length_periodic": [float(f"{each:.4g}") for each in LENGTHS]}
-    if settings[chosen]["length_decay"] < ENDLESS:  # no decay is no edge
-        grids["length_decay"] = [each["length_decay"] for each in settings]
-    edges = (edge_of(name, settings[chosen][name], grid) for name, grid in grids.items())
     settings[0] = {name: getattr(method, name) for name in settings[0]}
     return Evidence(
         criterion="log marginal likelihood",
@@ -215,5 +211,4 @@ def evidence_of(tried: Sequence[Candidate], method: object, scale: float) -> Evi
         axis="length_periodic (no unit)",
         positions=np.exp([each.theta[0] for each in tried]),
         lines=tuple(each.line for each in tried),
-        edges=tuple(text for edge in edges if chosen for text in edge),
     )

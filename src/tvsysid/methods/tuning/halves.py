@@ -17,7 +17,6 @@ far too wide for stiffness. See docs/tuning.md, with figures.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -27,7 +26,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded
 from tvsysid.methods.shared.correlations import solve_windows
-from tvsysid.methods.tuning.evidence import Evidence, edge_of
+from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import with_settings
 
@@ -123,7 +122,6 @@ def evidence_by_halves(
         if gains[:, best].mean() > MIN_GAIN * gains[:, best].std(ddof=1):
             chosen = best
     *others, axis = grids
-    edges = (edge_of(each, tried[chosen][each], [one[each] for one in tried]) for each in grids)
     return Evidence(
         criterion="cross-validated mean square error of stiffness (two halves)",
         unit="(N·m/rad)²",
@@ -134,7 +132,6 @@ def evidence_by_halves(
         axis=f"{axis} (s)",
         positions=np.array([settings[axis] for settings in tried]),
         lines=tuple(", ".join(f"{each} {one[each]:g} s" for each in others) for one in tried),
-        edges=tuple(itertools.chain(*edges)),
     )
 
 

@@ -2,39 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
-from tvsysid.methods.base import (
-    Method,
-    fitting_lags,
-    missing_edge,
-    padded,
-    whole_samples,
-)
+from tvsysid.methods.base import Method, fitting_lags, missing_edge, whole_samples
 from tvsysid.methods.cascade.pathways import (
-    Drive,
+    PATHWAYS,
     TwoPathwayModel,
     of_unit_slope,
     velocity_terms,
 )
 from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
-from tvsysid.methods.subspace_windows import Line, grid, lasting
 from tvsysid.models import Diagnostics, Estimate, StandardError
-from tvsysid.numerics import subspace
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.second_order import agreement, second_order_readout
+from tvsysid.numerics.subspace import (
+    ROUNDING,
+    Hammerstein,
+    Piece,
+    Rows,
+    dynamics,
+    hammerstein,
+    project,
+    rows_of,
+    weights_of,
+)
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, optional, positive
 
 MAX_HORIZON = 60  # samples; beyond, the Hankel matrices have thousands of columns
 STEPS = 4  # fits in the time of one window
 MEMORY_S = 0.6  # maximum duration of a reflex response
+FORGOTTEN = 0.01  # share of a reflex response's area that is cut off its end
 NO_BAND = "numerator and nonlinearity take turns; a bootstrap gives their spread"
 MAX_COLOUR_S = 0.6  # lag up to which the noise's autocorrelation counts
 
@@ -60,8 +65,7 @@ class SubspaceCascade(Method):
     terms
         Polynomials of the velocity, of degree 1 on.
     order
-        Poles of the reflex's linear part; None takes as many as the largest gap of the singular
-        values says.
+        Poles of the reflex's linear part.
     horizon
         Length of the Hankel matrices in s.
     window
@@ -73,8 +77,7 @@ class SubspaceCascade(Method):
     -----
     Realizations that follow each other are one record. Others are short segments of one behaviour.
     The state in which each segment begins is estimated too, and segments must be longer than two
-    horizons. Windows move by a quarter of their length; results are interpolated in between. A
-    window takes only samples before which the velocity is known as long as the poles last.
+    horizons. Windows move by a quarter of their length; results are interpolated in between.
 
     Directions of the inputs are counted as far as they are beyond rounding. Poles outside the unit
     circle are reflected into it. A reflex that is not there has poles all the same: those of the
@@ -105,14 +108,14 @@ class SubspaceCascade(Method):
 
     delay: float = attrs.field(default=0.04, validator=positive)
     terms: int = attrs.field(default=11, validator=at_least(1))
-    order: int | None = attrs.field(default=2, validator=optional(at_least(1)))
+    order: int = attrs.field(default=2, validator=at_least(1))
     horizon: float = attrs.field(default=0.2, validator=positive)
     window: float | None = attrs.field(default=None, validator=optional(positive))
 
     key = "sdss"
     uses_recorded_angle = True
     quantities = ("reflex_gain",)
-    pathway_names = ("intrinsic", "reflex")
+    pathway_names = PATHWAYS
     title = "Structural decomposition by subspaces (SDSS)"
     assumptions = (
         "Two pathways: an intrinsic one that answers within the delay, and a reflex to velocity "
@@ -131,149 +134,132 @@ class SubspaceCascade(Method):
         return self.window is None
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Return a reason to skip if horizon or window do not fit the ensemble.
-
-        The Hankel matrices may be too short or too large, or a window may hold too few samples.
-        """
+        """Return a reason to skip if the Hankel matrices would be too short or too large."""
         rate, depth = ensemble.sampling_rate, whole_samples(self.horizon, ensemble)
-        if not (self.order or 1) < depth <= MAX_HORIZON:
+        if not self.order < depth <= MAX_HORIZON:
             return (
                 f"its horizon of {self.horizon:g} s has {depth} samples at {rate:g} Hz; expected "
-                f"more than the {self.order or 1} of the order and {MAX_HORIZON} at most; "
-                "change the horizon, or decimate to some 100 Hz"
+                f"more than the {self.order} of the order and {MAX_HORIZON} at most; change the "
+                "horizon, or decimate to some 100 Hz"
             )
-        edges = 2 * missing_edge(whole_samples(self.delay, ensemble), ensemble)
+        lags = whole_samples(self.delay, ensemble)
+        edges = 2 * missing_edge(lags, ensemble)
         lengths = [len(run) * ensemble.samples - edges for run in ensemble.runs]
         rows = sum(length - 2 * depth + 1 for length in lengths if length >= 2 * depth)
-        needed = (2 * self.terms + 2 * whole_samples(self.delay, ensemble) + 1) * depth + 1
-        if rows <= needed:
-            return (
-                f"it needs stretches of record longer than two horizons ({2 * self.horizon:g} s), "
-                f"with {needed / rate:.3g} s together beyond that; got {len(lengths)} of up to "
-                f"{max(lengths) / rate:.3g} s, with {rows / rate:.3g} s; give longer or more "
-                "realizations, fewer terms or a shorter horizon"
-            )
-        held = len(ensemble) * whole_samples(self.window or ensemble.duration, ensemble)
-        if held < self._min_samples():
-            return (
-                f"a window of {self.window:g} s holds {held} samples of {len(ensemble)} "
-                f"realizations, it needs {self._min_samples()}; give a longer window, more "
-                "realizations or fewer terms"
-            )
-        return None
-
-    def _min_samples(self) -> int:
-        """Return the number of samples that a window must hold.
-
-        It is twice the number of basis systems of the reflex: each term times each state or input.
-        """
-        return 2 * self.terms * (1 + (self.order or 2))
+        needed = (2 * self.terms + 2 * lags + 1) * depth + 1
+        if rows > needed:
+            return None
+        return (
+            f"it needs stretches of record longer than two horizons ({2 * self.horizon:g} s), "
+            f"with {needed / rate:.3g} s together beyond that; got {len(lengths)} of up to "
+            f"{max(lengths) / rate:.3g} s, with {rows / rate:.3g} s; give longer or more "
+            "realizations, fewer terms or a shorter horizon"
+        )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
         """Return the model of an ensemble."""
         lags = fitting_lags(type(self).__name__, self.delay, ensemble)
         depth, rate = whole_samples(self.horizon, ensemble), ensemble.sampling_rate
+        lines = list(self._lines(ensemble, lags))
+        pieces = [each for each in map(Line.core, lines) if len(each.output) >= 2 * depth]
+        all_poles = dynamics(pieces, depth, self.order)
+        rows = Rows.joined(rows_of(piece, all_poles) for piece in pieces)
+        left = project(rows)
+        rest = [piece.without(left.response) for piece in pieces]
+        poles = dynamics(rest, depth, self.order, lagged=False)
+        later = Rows.joined(rows_of(piece, poles) for piece in pieces)
+        sizes = [len(piece.output) for piece in pieces]
+        whole = fit(rows, left, later, poles, sizes, rate)
+        if self.window is None:
+            return self._model(ensemble, [0], [whole])
+        half = whole_samples(self.window, ensemble) // 2
+        count = max(2, 1 + round((ensemble.samples - 1) / max(1, 2 * half // STEPS)))
+        centres = np.linspace(0, ensemble.samples - 1, count).round().astype(int).tolist()
+        fits = self._windows(lines, all_poles, whole.reflex, centres, half, rate)
+        return self._model(ensemble, centres, list(fits))
+
+    def _lines(self, ensemble: Ensemble, lags: int) -> Iterator[Line]:
+        """Yield realizations that follow each other, with the context about them."""
+        core, context = ensemble.core, ensemble.context
+        signals = np.stack([ensemble.torque, ensemble.angle])
         terms = velocity_terms(ensemble, self.terms)
         # A mean that is subtracted at each time is subtracted from all, and an offset is one.
-        axis = 0 if ensemble.mean_subtracted else None
-        inputs = np.stack([each - each.mean(axis=axis) for each in terms], axis=-1)
-        lines = [Line.of(ensemble, inputs, run, lags) for run in ensemble.runs]
-        pieces = [piece for piece in map(Line.core, lines) if len(piece.output) >= 2 * depth]
-        all_poles = subspace.dynamics(pieces, depth, self.order)
-        rows = _rows_of(pieces, all_poles)
-        left = subspace.project(rows)
-        rest = [piece.without(left.response) for piece in pieces]
-        poles = subspace.dynamics(rest, depth, len(all_poles) - 1, lagged=False)
-        sizes = [len(piece.output) for piece in pieces]
-        whole = fit(rows, left, _rows_of(pieces, poles), poles, sizes, rate)
-        fits: Sequence[Fit | None] = [whole]
-        shares = np.ones((ensemble.samples, 1))
-        if self.window is not None:
-            fits, shares = self._fit_windows(ensemble, lines, all_poles, whole.reflex)
-        drive, slope = of_unit_slope(ensemble, whole.reflex.weights)
-        return self._model(ensemble, fits, shares, drive, slope).with_shares(ensemble)
+        if not ensemble.mean_subtracted:
+            signals -= signals.mean(axis=(1, 2), keepdims=True)
+        terms -= terms.mean(axis=1 if ensemble.mean_subtracted else (1, 2), keepdims=True)
+        signals = np.concatenate([signals, terms])
+        for run in ensemble.runs:
+            ends = signals[:, run[0], :context], signals[:, run[-1], core.stop :]
+            cores = signals[:, run, core].reshape(len(signals), -1)
+            torque, angle, *inputs = np.concatenate([ends[0], cores, ends[1]], axis=1)
+            piece = Piece(torque[lags:-lags], angle, np.stack(inputs, axis=1)[: -2 * lags])
+            yield Line(
+                piece, context - lags + ensemble.samples * np.arange(len(run)), ensemble.samples
+            )
 
-    def _fit_windows(
+    def _windows(
         self,
-        ensemble: Ensemble,
         lines: Sequence[Line],
         all_poles: Array,
-        reflex: subspace.Hammerstein,
-    ) -> tuple[Sequence[Fit | None], Array]:
-        """Return the fits in windows, and the share (time, fit) of each fit at each time.
+        reflex: Hammerstein,
+        centres: Sequence[int],
+        half: int,
+        rate: float,
+    ) -> Iterator[Fit]:
+        """Yield the fits of windows that reach ``half`` samples to either side of the centres.
 
-        A fit is None where too few samples are known. Poles and weights are those of all data.
+        The poles and the reflex are those of all data.
         """
-        half = whole_samples(self.window or 0.0, ensemble) // 2
-        centres, shares = grid(ensemble.samples, max(1, 2 * half // STEPS))
-        longest, systems = whole_samples(MEMORY_S, ensemble), (all_poles, reflex.denominator)
-        past = max(lasting(subspace.impulse_response([1.0], each, longest)) for each in systems)
-        whole = [
-            [subspace.rows_of(line.piece, each, free=False) for line in lines] for each in systems
-        ]
-        fits: list[Fit | None] = []
+        poles = reflex.denominator
+        pairs = [[rows_of(line.piece, each) for each in (all_poles, poles)] for line in lines]
+        needed = 2 * self.terms * (1 + self.order)  # twice the answers
         for centre in centres:
             windows = [
-                (place, window)
-                for place, line in enumerate(lines)
-                for window in line.windows(centre, half, past)
+                (pair, window)
+                for pair, line in zip(pairs, lines, strict=True)
+                for window in line.windows(centre, half)
             ]
             sizes = [window.stop - window.start for _, window in windows]
-            if sum(sizes) < self._min_samples():
-                fits.append(None)
-                continue
+            if sum(sizes) < needed:
+                raise InputError(
+                    f"SubspaceCascade: a window of {self.window:g} s holds {sum(sizes)} samples of "
+                    f"all realizations, it needs {needed}; give a longer window, more realizations "
+                    "or fewer terms"
+                )
             rows, later = (
-                subspace.joined(each[place].chosen(window) for place, window in windows)
-                for each in whole
+                Rows.joined(pair[place].within(window) for pair, window in windows)
+                for place in (0, 1)
             )
-            left, rate = subspace.project(rows), ensemble.sampling_rate
-            fits.append(fit(rows, left, later, reflex.denominator, sizes, rate, reflex.weights))
-        return fits, shares
+            yield fit(rows, project(rows), later, poles, sizes, rate, reflex.weights)
 
     def _model(
-        self,
-        ensemble: Ensemble,
-        fits: Sequence[Fit | None],
-        shares: Array,
-        drive: Drive,
-        slope: float,
+        self, ensemble: Ensemble, centres: Sequence[int], fits: Sequence[Fit]
     ) -> TwoPathwayModel:
-        """Return the model of fits and of their ``shares`` (time, fit) at each time.
-
-        The drive was divided by ``slope``.
-        """
-        known = [each for each in fits if each is not None]
-        if not known:
-            raise InputError(
-                "SubspaceCascade: in no window the velocity is known as long before as the reflex "
-                f"lasts, some {MEMORY_S:g} s; give realizations that follow each other, more "
-                "context, or window=None"
-            )
+        """Return the model of fits at some samples, interpolated in between."""
         lags, rate = whole_samples(self.delay, ensemble), ensemble.sampling_rate
         edge, longest = missing_edge(lags, ensemble), whole_samples(MEMORY_S, ensemble)
-        lasts = max(lasting(each.reflex.impulse_response(longest)) for each in known)
+        reflexes, times = [each.reflex for each in fits], np.arange(ensemble.samples)
+        lasts = max(lasting(each.impulse_response(longest)) for each in reflexes)
+        drive, slope = of_unit_slope(ensemble, reflexes[0].weights)
 
         def over_time(values: Sequence[Array], missing: int = 0) -> Array:
-            table = np.full((len(fits), len(values[0])), np.nan)
-            table[[each is not None for each in fits]] = values
-            # A fit without a share at a time does not count there, even if it is NaN
-            mixed = np.where(shares[..., None] > 0, shares[..., None] * table, 0.0).sum(axis=1)
-            return padded(mixed[missing : len(mixed) - missing], missing)
+            columns = np.transpose(values)
+            out = np.stack([np.interp(times, centres, each) for each in columns], axis=1)
+            out[(times < missing) | (times >= len(times) - missing)] = np.nan
+            return out
 
         impedance, errors, response = (
-            over_time(each, edge)
-            for each in zip(
-                *((fit.impedance, fit.errors, fit.response) for fit in known), strict=True
-            )
+            over_time([getattr(each, name) for each in fits], edge)
+            for name in ("impedance", "errors", "response")
         )
-        freedom = min(each.freedom for each in known)
-        bands = standard_errors(errors, freedom, [np.inf if self.window else 0.0] * 3)
-        gain = slope * over_time([np.array([fit.reflex.static_gain]) for fit in known])[:, 0]
+        arcs = [np.inf if self.window else 0.0] * 3
+        bands = standard_errors(errors, min(each.freedom for each in fits), arcs)
+        gain = slope * over_time([np.array([each.static_gain]) for each in reflexes])[:, 0]
         no_band = StandardError.none(len(gain), NO_BAND)
         estimates = impedance_estimates(impedance, bands)
         estimates["reflex_gain"] = Estimate(gain, UNITS["reflex_gain"], error=no_band)
-        order = len(known[0].reflex.denominator) - 1
-        agrees = agreement(*np.stack([each.powers for each in known], axis=1))
+        reflex = over_time([each.impulse_response(lasts) for each in reflexes])
+        agrees = agreement(*np.stack([each.powers for each in fits], axis=1))
         return TwoPathwayModel(
             method=repr(self),
             sampling_rate=rate,
@@ -281,16 +267,39 @@ class SubspaceCascade(Method):
             estimates=estimates,
             impulse_response=response,
             lags=np.arange(-lags, lags + 1) / rate,
-            reflex_response=slope
-            * rate
-            * over_time([fit.reflex.impulse_response(lasts) for fit in known]),
+            reflex_response=slope * rate * reflex,
             reflex_lags=(lags + np.arange(lasts)) / rate,
             drive=drive,
             diagnostics=Diagnostics(
-                float(2 * lags + 1 + self.terms + 2 * order),
-                details={"second_order_agreement": agrees, "reflex_order": float(order)},
+                float(2 * lags + 1 + self.terms + 2 * self.order),
+                details={"second_order_agreement": agrees},
             ),
-        )
+        ).with_shares(ensemble)
+
+
+class Line(NamedTuple):
+    """Realizations that follow each other, with the context about them, as one ``piece``.
+
+    Realizations of ``samples`` samples begin at the ``onsets``. The first is below 0 where lags
+    reach beyond the context.
+    """
+
+    piece: Piece
+    onsets: NDArray[np.int64]
+    samples: int
+
+    def core(self) -> Piece:
+        """Return the realizations without context, as far as lags reach."""
+        output, lagged, inputs = self.piece
+        first, last = max(0, self.onsets[0]), min(len(output), self.onsets[-1] + self.samples)
+        lagged = lagged[first : last + len(lagged) - len(output)]
+        return Piece(output[first:last], lagged, inputs[first:last])
+
+    def windows(self, centre: int, half: int) -> list[slice]:
+        """Return the window of samples about ``centre`` in each realization."""
+        firsts = (self.onsets + centre - half).clip(0).tolist()
+        lasts = (self.onsets + centre + half + 1).clip(max=len(self.piece.output)).tolist()
+        return [slice(*pair) for pair in zip(firsts, lasts, strict=True) if pair[0] < pair[1]]
 
 
 class Fit(NamedTuple):
@@ -306,17 +315,13 @@ class Fit(NamedTuple):
     impedance: Array
     errors: Array
     freedom: int
-    reflex: subspace.Hammerstein
-
-
-def _rows_of(pieces: Sequence[subspace.Piece], poles: Array) -> subspace.Rows:
-    return subspace.joined(subspace.rows_of(piece, poles) for piece in pieces)
+    reflex: Hammerstein
 
 
 def fit(
-    rows: subspace.Rows,
-    left: subspace.Rows,
-    later: subspace.Rows,
+    rows: Rows,
+    left: Rows,
+    later: Rows,
     poles: Array,
     sizes: Sequence[int],
     rate: float,
@@ -331,12 +336,11 @@ def fit(
     """
     response, count, order = left.response, len(left.output), len(poles) - 1
     rest = later._replace(output=later.output - later.signals @ response)
-    weights = subspace.weights_of(rest, order) if weights is None else weights
-    reflex = subspace.hammerstein(rest, poles, weights)
+    weights = weights_of(rest, order) if weights is None else weights
+    reflex = hammerstein(rest, poles, weights)
     moments, own = (np.asarray(each.T @ each / count) for each in (rows.signals, left.signals))
     inverse, own = (
-        np.asarray(np.linalg.pinv(each, subspace.ROUNDING, hermitian=True))
-        for each in (moments, own)
+        np.asarray(np.linalg.pinv(each, ROUNDING, hermitian=True)) for each in (moments, own)
     )
     cross = moments @ response
     (readout,), (fitted,) = second_order_readout(moments[None], cross[None], inverse[None], rate)
@@ -361,3 +365,9 @@ def coloured_variances(answers: Array, noise: Array, sizes: Sequence[int], lags:
     own, *others = (autocovariance(each, lags) * each.size for each in np.moveaxis(pieces, -1, 0))
     taper = np.r_[1.0, 2 * (1 - np.arange(1, lags + 1) / (lags + 1))]
     return np.asarray(others @ (taper * own / len(noise)))
+
+
+def lasting(response: Array) -> int:
+    """Return the number of samples after which a response has nearly ended."""
+    area = np.cumsum(np.abs(response))
+    return 1 + int(np.searchsorted(area, (1 - FORGOTTEN) * area[-1]))

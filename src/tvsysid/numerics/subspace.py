@@ -39,14 +39,10 @@ class Piece(NamedTuple):
     lagged: Array
     inputs: Array
 
-    @property
-    def lags(self) -> int:
-        """Lags to either side."""
-        return (len(self.lagged) - len(self.output)) // 2
-
     def regressors(self) -> Array:
         """Lagged signal at lags from -lags to lags, (time, lag)."""
-        return sliding_window_view(self.lagged, 2 * self.lags + 1)[:, ::-1]
+        lags = len(self.lagged) - len(self.output)
+        return sliding_window_view(self.lagged, lags + 1)[:, ::-1]
 
     def without(self, response: Array) -> Piece:
         """Return the piece without the output of the short path, whose response is given."""
@@ -69,9 +65,14 @@ class Rows(NamedTuple):
         """Least-squares response (lag,) of the output to the signals."""
         return _least_squares(self.signals, self.output)
 
-    def chosen(self, samples: slice) -> Rows:
-        """Some of the rows."""
+    def within(self, samples: slice) -> Rows:
+        """Return some of the rows."""
         return Rows(*(part[samples] for part in self))
+
+    @classmethod
+    def joined(cls, rows: Iterable[Rows]) -> Rows:
+        """Return the rows of several pieces, one after the other."""
+        return cls(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
 class Hammerstein(NamedTuple):
@@ -95,9 +96,7 @@ class Hammerstein(NamedTuple):
         return impulse_response(self.numerator, self.denominator, samples)
 
 
-def dynamics(
-    pieces: Sequence[Piece], horizon: int, order: int | None = None, lagged: bool = True
-) -> Array:
+def dynamics(pieces: Sequence[Piece], horizon: int, order: int, lagged: bool = True) -> Array:
     r"""Return the denominator (order + 1,) of the system from inputs to output, in powers of 1/z.
 
     This is MOESP with past inputs. With future inputs, past inputs and future outputs as
@@ -105,37 +104,24 @@ def dynamics(
     inputs and not from future ones spans the columns of the extended observability matrix
     :math:`[C; CA; CA^2; \dots]`, whose shift invariance gives A.
 
-    ``order`` is the number of poles; None takes that after which the singular values fall most.
     The ``lagged`` signals are among the inputs where the short path is still in the output.
     """
-    left, singular, _ = np.linalg.svd(_from_past(pieces, horizon, lagged), full_matrices=False)
-    if order is None:
-        next_one = np.maximum(singular[1:], ROUNDING * singular[0])
-        order = 1 + int(np.argmax((singular[:-1] / next_one)[: horizon // 2]))
-    observability = left[:, :order]
+    observability = np.linalg.svd(_from_past(pieces, horizon, lagged))[0][:, :order]
     poles = np.linalg.eigvals(np.linalg.lstsq(observability[:-1], observability[1:], rcond=None)[0])
-    size = np.abs(poles)
-    within = np.where(size > 1, poles / np.where(size > 1, size**2, 1.0), poles)
+    within = poles / np.maximum(np.abs(poles), 1.0) ** 2  # reflected into the unit circle
     within *= SLOWEST / np.maximum(np.abs(within), SLOWEST)
     return np.real(np.poly(within))
 
 
-def rows_of(piece: Piece, denominator: Array, free: bool = True) -> Rows:
-    """Return the rows of a piece; if ``free``, without the free responses of initial states."""
+def rows_of(piece: Piece, denominator: Array) -> Rows:
+    """Return the rows of a piece, without the free responses of initial states."""
     order = len(denominator) - 1
     once = scipy.signal.lfilter([1.0], denominator, piece.inputs, axis=0)
     delayed = [np.pad(once, ((k, 0), (0, 0)))[: len(once)] for k in range(order + 1)]
     rows = Rows(np.concatenate(delayed, axis=1), piece.regressors(), piece.output)
-    if not free:
-        return rows
     impulses = np.eye(len(once), order)
     responses = np.linalg.qr(scipy.signal.lfilter([1.0], denominator, impulses, axis=0))[0]
     return Rows(*(each - responses @ (responses.T @ each) for each in rows))
-
-
-def joined(rows: Iterable[Rows]) -> Rows:
-    """Return the rows of several pieces, one after the other."""
-    return Rows(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
 def project(rows: Rows) -> Rows:
@@ -147,7 +133,7 @@ def project(rows: Rows) -> Rows:
     weights the system has: U are the lagged signals, :math:`\Phi` the answers.
     """
     basis = _basis(rows.answers)
-    signals, output = (each - basis @ (basis.T @ each) for each in (rows.signals, rows.output))
+    signals, output = (each - basis @ (basis.T @ each) for each in rows[1:])
     return Rows(rows.answers, signals, output)
 
 
@@ -165,8 +151,7 @@ def weights_of(rows: Rows, order: int) -> Array:
     start = _least_squares(answers, target).reshape(product.shape[1:])
     weights, error = np.linalg.svd(start, full_matrices=False)[2][0], np.inf
     for _ in range(ROUNDS):
-        numerator = _least_squares(product @ weights, target)
-        columns = np.einsum("tni,n->ti", product, numerator)
+        columns = np.tensordot(_least_squares(product @ weights, target), product, (0, 1))
         turned = _least_squares(columns, target)
         if not turned.any():
             break
@@ -178,8 +163,8 @@ def weights_of(rows: Rows, order: int) -> Array:
 
 
 def hammerstein(rows: Rows, denominator: Array, weights: Array) -> Hammerstein:
-    """Fit the numerator to the output of the rows by least squares; the weights are known."""
-    columns = rows.answers.reshape(len(rows.answers), len(denominator), -1) @ weights
+    """Return the Hammerstein system with these poles and weights that fits the output of rows."""
+    columns = rows.answers.reshape(len(rows.output), len(denominator), -1) @ weights
     numerator = _least_squares(columns, rows.output)
     return Hammerstein(weights, numerator, denominator, rows.output - columns @ numerator)
 
@@ -198,25 +183,24 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     and future outputs. R is the Cholesky factor of the columns' products. A slight ridge serves
     inputs that are nearly collinear.
     """
-    further = 2 * pieces[0].lags * lagged  # samples that the lagged signal has more than the others
+    further = (len(pieces[0].lagged) - len(pieces[0].output)) * lagged  # samples of lagged signals
     gram: Array = np.zeros(())
     for output, angle, inputs in pieces:
         signals = np.pad(np.vstack([output, inputs.T]), ((0, 0), (further, 0)))
         signals = np.vstack([signals, angle]) if lagged else signals
         gram = gram + lagged_gram(signals[:, None], 2 * horizon + further - 1)
-    lags = np.arange(2 * horizon + further)
-    gram = gram.reshape(gram[..., 0, 0].size, -1)
-    first_past = np.full((len(signals), 1), horizon)
+    count, lags = gram.shape[:2]
+    first_past = np.full(count, horizon)
     first_past[0] = -horizon  # the output is no input
     first_past[-1] += further
-    future = np.flatnonzero(lags < first_past)
-    past = np.flatnonzero((lags >= first_past) & (lags < first_past + horizon))
-    inputs = np.concatenate([future, past])
+    late = np.arange(lags) - first_past[:, None]  # the past begins at 0
+    future = np.flatnonzero(late < 0)
+    inputs = np.concatenate([future, np.flatnonzero((late >= 0) & (late < horizon))])
+    gram = gram.reshape(count * lags, -1)
     size = np.sqrt(np.diag(gram)[inputs, None])
     size[size == 0] = 1.0
-    factor = cholesky(
-        gram[np.ix_(inputs, inputs)] / (size * size.T) + RIDGE * np.eye(len(inputs)), lower=True
-    )
+    scaled = gram[np.ix_(inputs, inputs)] / (size * size.T)
+    factor = cholesky(scaled + RIDGE * np.eye(len(inputs)), lower=True)
     outputs = gram[inputs, :horizon][:, ::-1] / size
     return np.asarray(solve_triangular(factor, outputs, lower=True)[len(future) :].T)
 

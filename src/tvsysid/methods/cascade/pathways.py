@@ -71,13 +71,6 @@ class VelocityPolynomial:
     limits: tuple[float, float]
     direction: int = 1
 
-    @classmethod
-    def of(cls, ensemble: Ensemble, coefficients: Array, direction: int = 1) -> Self:
-        """Return a polynomial whose limits are those of an ensemble's velocity."""
-        velocity, _ = velocity_of(ensemble)
-        limits = float(velocity.min()), float(velocity.max())
-        return cls(tuple(coefficients.tolist()), limits, direction)
-
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the polynomial at the recorded rate, decimated as the torque was."""
         velocity, ratio = velocity_of(ensemble)
@@ -85,10 +78,8 @@ class VelocityPolynomial:
 
     def value(self, velocity: Array) -> Array:
         """Return the polynomial at a velocity in rad/s, of any shape."""
-        count = len(self.coefficients) + 1
-        at_rest = chebyshev_of(np.zeros(1), self.limits, count)
-        terms = chebyshev_of(velocity, self.limits, count) - at_rest
-        return np.asarray(terms[..., 1:] @ np.array(self.coefficients))
+        terms = _terms(velocity, self.limits, len(self.coefficients))
+        return np.asarray(terms @ np.array(self.coefficients))
 
     def curve(self) -> tuple[Array, Array]:
         """Return velocities in rad/s within the limits, and the polynomial at each."""
@@ -119,7 +110,9 @@ def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
 
 def velocity_terms(ensemble: Ensemble, degree: int) -> Array:
     """Return the terms (degree, realization, time) of a polynomial of the velocity, decimated."""
-    return np.stack([VelocityPolynomial.of(ensemble, unit)(ensemble) for unit in np.eye(degree)])
+    velocity, ratio = velocity_of(ensemble)
+    terms = _terms(velocity, _limits(velocity), degree)
+    return np.stack([decimated(each, ratio) for each in np.moveaxis(terms, -1, 0)])
 
 
 def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float]:
@@ -128,13 +121,26 @@ def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomia
     The slopes are those of a least-squares fit with an offset and a slope for either direction, as
     a polynomial rounds the corner of a rectifier. Stretch is the direction of the steeper one.
     """
-    target = VelocityPolynomial.of(ensemble, weights)(ensemble).ravel()
+    limits = _limits(velocity_of(ensemble)[0])
+    target = VelocityPolynomial(tuple(weights), limits)(ensemble).ravel()
     columns = rectified_velocities(ensemble).reshape(2, -1).T
-    centred = columns - columns.mean(axis=0)
-    slopes = np.linalg.lstsq(centred, target - target.mean(), rcond=None)[0]
+    slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
     steeper = int(np.argmax(np.abs(slopes)))
     slope = float(slopes[steeper])
-    return VelocityPolynomial.of(ensemble, weights / slope, DIRECTIONS[steeper]), slope
+    coefficients = tuple((weights / slope).tolist())
+    return VelocityPolynomial(coefficients, limits, DIRECTIONS[steeper]), slope
+
+
+def _limits(velocity: Array) -> tuple[float, float]:
+    return float(velocity.min()), float(velocity.max())
+
+
+def _terms(velocity: Array, limits: tuple[float, float], degree: int) -> Array:
+    """Return Chebyshev polynomials from degree 1 on less their values at rest (…, degree)."""
+    moving, at_rest = (
+        chebyshev_of(each, limits, degree + 1)[..., 1:] for each in (velocity, np.zeros(1))
+    )
+    return np.asarray(moving - at_rest)
 
 
 def history(ensemble: Ensemble, values: Array, samples: int) -> Array:

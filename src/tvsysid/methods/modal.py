@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from itertools import pairwise
 
 import attrs
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.methods import base, shared
-from tvsysid.models import Diagnostics, Model
+from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_and_spread
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
@@ -116,31 +116,34 @@ class ModalDecomposition(base.Method):
         decay = viscosity / (2 * inertia)
         if self.inertia is not None:
             inertia, inertia_error = self.inertia, 0.0
+        clear, reach = math.ceil(CLEAR * self.window * rate), round(REACH * self.window * rate)
         tracks = [np.full((samples, 2), np.nan)]  # for each impulse, after one that says nothing
         for run in ensemble.runs:
             recorded = ensemble.angle_as_recorded[run, ensemble.core]
             angle = recorded.reshape(len(run) * samples, -1).mean(axis=1)
-            peaks = impulses(ensemble.torque[run, ensemble.core].ravel(), rate)
-            for times in ringing_times(peaks, len(angle), self.window, rate):
-                tracks.append(np.full((samples, 2), np.nan))
-                tracks[-1][times % samples] = track(angle, times, self.window, rate, inertia, decay)
+            size = np.abs(ensemble.torque[run, ensemble.core].ravel())
+            peaks, _ = scipy.signal.find_peaks(
+                size, MIN_PEAK * size.max(), distance=max(1, round(MIN_DISTANCE_S * rate))
+            )
+            for peak, following in pairwise([*peaks, len(angle)]):
+                # Windows that hold nothing but ringing
+                longest = peak + clear + round(MAX_RINGING_S * rate)
+                last = min(longest, following - clear, len(angle) - reach - 1)
+                times = np.arange(max(peak + clear, reach), last + 1)
+                if len(times) >= MIN_SAMPLES:
+                    found = track(angle, times, self.window, rate, inertia, decay)
+                    tracks.append(np.full((samples, 2), np.nan))
+                    tracks[-1][times % samples] = found
         count = np.isfinite(tracks).sum(axis=0)
         mean, spread = mean_and_spread(np.stack(tracks))
         spread[count < MIN_IMPULSES] = np.nan
         errors = np.hypot(spread / np.sqrt(np.maximum(count, 1)), inertia_error * mean)
         everywhere = 0 * mean[:, :1]  # NaN where nothing rings
-        return Model(
-            sampling_rate=rate,
-            time=ensemble.time,
-            estimates=shared.impedance_estimates(
-                np.hstack([mean, inertia + everywhere]),
-                shared.standard_errors(
-                    np.hstack([errors, np.nan * everywhere]), np.maximum(count[:, :1] - 1.0, 1.0)
-                ),
-            ),
-            method=repr(self),
-            diagnostics=Diagnostics(2.0, details={"impulses": len(tracks) - 1.0}),
-        )
+        freedom = np.maximum(count[:, :1] - 1.0, 1.0)
+        errors = shared.standard_errors(np.hstack([errors, np.nan * everywhere]), freedom)
+        impedance = np.hstack([mean, inertia + everywhere])
+        estimates = shared.impedance_estimates(impedance, errors)
+        return Model.of(ensemble, estimates=estimates, parameters=2.0)
 
 
 def mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
@@ -170,26 +173,6 @@ def mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
     scores = np.einsum("rta,rt->ra", columns, torque - columns @ found) @ inverse[-1]
     error = np.linalg.norm(scores) / abs(found[-1])
     return float(found[0]), float(found[features.shape[1]]), float(found[-1]), float(error)
-
-
-def impulses(torque: Array, rate: float) -> NDArray[np.int64]:
-    """Return the samples at which impulses of a torque (time,) peak."""
-    size, distance = np.abs(torque), max(1, round(MIN_DISTANCE_S * rate))
-    height = MIN_PEAK * size.max()
-    return np.asarray(scipy.signal.find_peaks(size, height=height, distance=distance)[0])
-
-
-def ringing_times(
-    peaks: NDArray[np.int64], samples: int, window: float, rate: float
-) -> Iterator[NDArray[np.int64]]:
-    """Yield the samples after each impulse at which windows hold nothing but ringing."""
-    clear, reach = math.ceil(CLEAR * window * rate), round(REACH * window * rate)
-    ends = np.append(peaks[1:] - clear, samples - reach)
-    for first, end in zip(peaks + clear, ends, strict=True):
-        last = min(first + round(MAX_RINGING_S * rate), end, samples - reach - 1)
-        times = np.arange(max(first, reach), last + 1)
-        if len(times) >= MIN_SAMPLES:
-            yield times
 
 
 def track(

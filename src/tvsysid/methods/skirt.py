@@ -23,7 +23,6 @@ MAX_LINES = 20
 MIN_SHARE = 0.99  # of the angle's power in its lines
 MIN_LINE_SHARE = 1e-4  # of the angle's power in each line that is found
 ROUNDS = 5  # of the refinement of a line's frequency
-MAX_BEYOND = 4  # harmonics beyond those that lines leave room for, whose skirts are tested
 FITTED_P, WARNED_P = 0.05, 1e-4  # p-values below which skirts are fitted, and warned of
 NOISELESS = 1e-5  # relative variance below which the residual is rounding and filters
 ON_GRID = 0.02  # of 1/period: frequencies this close to its multiples count as such
@@ -91,7 +90,7 @@ class SkirtDecomposition(base.Method):
                 f"{100 * MIN_SHARE:g} % are needed; perturb with some sines of fixed frequencies "
                 "and impose the angle"
             )
-        if (self.harmonics or 0) > lines.max_harmonics(ensemble):
+        if 2 * (self.harmonics or 0) >= lines.room(ensemble):
             return (
                 f"the skirts of lines ({found}) overlap: a change of {self.harmonics} harmonics of "
                 f"{1 / ensemble.duration:.3g} Hz needs lines twice as far apart or further; give "
@@ -102,12 +101,13 @@ class SkirtDecomposition(base.Method):
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
         lines = Lines.of(ensemble)
-        highest, harmonics = lines.max_harmonics(ensemble), self.harmonics or 0
+        room, harmonics = lines.room(ensemble), self.harmonics or 0
         while True:
             skirts = Skirts.of(ensemble, lines, harmonics)
-            tested = range(harmonics + 1, highest + MAX_BEYOND + 1)
-            p_values = {each: skirts.p_value(each, lines, ensemble) for each in tested}
-            likely = [each for each, p in p_values.items() if each <= highest and p < FITTED_P]
+            # Skirts that do not meet those that are fitted
+            tested = range(harmonics + 1, math.ceil(room) - harmonics)
+            p_values = {each: skirts.p_value(each, lines.waves, ensemble) for each in tested}
+            likely = [each for each, p in p_values.items() if 2 * each < room and p < FITTED_P]
             if self.harmonics is not None or not likely:
                 break
             harmonics = max(likely)
@@ -174,10 +174,9 @@ class Lines(NamedTuple):
             waves[:, own] *= (real + 1j * imaginary)[:, None, None]
         return cls(lines, waves, 1 - float(left / total))
 
-    def max_harmonics(self, ensemble: Ensemble) -> int:
-        """Return the number of harmonics up to which skirts do not overlap."""
-        spacing = float(np.diff(np.sort(self.frequencies)).min())
-        return math.ceil(spacing * ensemble.duration / 2 - ON_GRID) - 1
+    def room(self, ensemble: Ensemble) -> float:
+        """Return the smallest distance of two lines, in harmonics of the period."""
+        return float(np.diff(np.sort(self.frequencies)).min()) * ensemble.duration - ON_GRID
 
 
 class Skirts(NamedTuple):
@@ -223,20 +222,13 @@ class Skirts(NamedTuple):
         covariance = inverse @ (gram * np.outer(scale, scale)) @ inverse
         return cls(features, mean, covariance, density, float(freedom.min()), residual)
 
-    def p_value(self, harmonic: int, lines: Lines, ensemble: Ensemble) -> float:
-        """Return the probability that noise alone leaves such skirts of a harmonic of the period.
-
-        Skirts that meet those that are fitted do not count.
-        """
-        sides = np.array([[1.0], [-1.0]])
-        beside = np.abs(lines.frequencies + sides * harmonic / ensemble.duration)
-        fitted = (self.features.shape[1] / 2) / ensemble.duration
-        free = np.abs(beside[..., None] - lines.frequencies).min(axis=2) > fitted
-        turning = np.exp(2j * np.pi * harmonic * sides * ensemble.time / ensemble.duration)
-        parts = lines.waves * turning[:, None, None]
+    def p_value(self, harmonic: int, waves: NDArray[np.complex128], ensemble: Ensemble) -> float:
+        """Return the probability that noise alone leaves such skirts of a harmonic."""
+        turns = harmonic * ensemble.time / ensemble.duration
+        parts = waves * np.exp(2j * np.pi * np.stack([turns, -turns]))[:, None, None]
         power = np.abs(np.einsum("skrt,rt->sk", parts.conj(), self.residual)) ** 2
         ratio = power / (self.density * np.einsum("skrt,skrt->sk", parts, parts.conj()).real)
-        return float(gammaincc(free.sum(), ratio[free].sum())) if free.any() else 1.0
+        return float(gammaincc(ratio.size, ratio.sum()))
 
 
 def second_order(skirts: Skirts, lines: Array) -> tuple[Array, Array, float]:

@@ -173,7 +173,7 @@ def test_an_outcome_that_cannot_be_right_states_no_stiffness(file):
         ({"angle": ""}, "choose the channel with the angle"),
         ({"sampling_rate": None}, "enter the sampling rate"),
         ({"period": None}, "enter the duration of one repetition"),
-        ({"period": float("inf")}, "--period"),
+        ({"period": float("inf")}, "period"),
         ({"period": 300.0}, "300 s"),
         ({"torque": "pos"}, "angle and torque are both 'pos'"),
         ({"torque": "one"}, "different lengths"),
@@ -241,8 +241,8 @@ def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, recording, tmp_
     for given, message in (
         ({"angle": "position"}, "no channel 'position'; the file holds pos, tq, cmd"),
         ({"channels": {"command": "CMD"}}, "no channel 'CMD'; the file holds pos, tq, cmd"),
-        ({"angle_unit": "grad"}, "--angle-unit"),
-        ({"period": "2 s"}, "--period"),
+        ({"angle_unit": "grad"}, "angle_unit"),
+        ({"period": "2 s"}, "period"),
         ({"port": 70000}, "port 70000: expected a whole number from 0 to 65535"),
     ):
         with pytest.raises(tv.InputError, match=message):

@@ -135,13 +135,19 @@ def identification_page(identified, tmp_path_factory):
     return path
 
 
+def write_visit(folder, account):
+    """Write what a sheet reads."""
+    found = account.found
+    tv.recordings.write_models(folder / "models.nc", found.models, about=facts(account))
+    tv.recordings.write_table(folder / "stiffness.csv", found.over_time())
+
+
 @pytest.fixture(scope="session")
 def sheet_page(identified, tmp_path_factory):
     """Path of a sheet about as many visits as fit."""
     folder = tmp_path_factory.mktemp("visits")
     folders = [folder / f"visit number {place}" for place in range(1, 7)]
-    models = identified.found.models
-    tv.recordings.write_models(folders[0] / "models.nc", models, about=facts(identified))
+    write_visit(folders[0], identified)
     for each in folders[1:]:
         shutil.copytree(folders[0], each)
     tv.report.write_sheet(folder / "sheet.html", folders)

@@ -77,7 +77,9 @@ def test_outcome_tells_what_was_kept_and_found(experiment, elements):
         (experiment.summary.metric == "random_error") & (experiment.summary.perturbation == "prbs")
     ]
     birf = rows[(rows.method == "birf") & (rows.realizations == 75)].value
-    assert f"random error from {birf.mean():.2f} ± {birf.std():.2f} (birf) to" in text
+    assert (
+        f"birf has the lowest random error ({birf.mean():.2f} ± {birf.std():.2f} N·m/rad)" in text
+    )
 
 
 def test_metrics_are_means_and_deviations_over_participants(experiment, elements):
@@ -95,7 +97,7 @@ def test_metrics_are_means_and_deviations_over_participants(experiment, elements
         & (experiment.summary.perturbation == "noise")
         & (experiment.summary.realizations == 150)
     ].value
-    assert f"{rows.mean():.1f} ± {rows.std():.1f}" in text
+    assert f"{rows.mean():.2f} ± {rows.std():.2f}" in text
     found = metrics(experiment.summary, 6)
     assert len(found) == 16
     failed = found.set_index(["perturbation", "method", "realizations drawn"])["failed draws"]
@@ -109,7 +111,7 @@ def test_each_participant_by_itself(experiment, elements):
         (experiment.summary.metric == "vaf") & (experiment.summary.participant == "P2")
     ]
     for value in rows.value:
-        assert f" {value:.1f} " in text
+        assert f" {value:.2f} " in text
     assert text.count("P2") == 16
     assert "±" not in text
 

@@ -2,11 +2,10 @@
 
 import attrs
 import pytest
-import xarray as xr
+from tests.report.conftest import write_visit
 from tests.report.elements import Elements, table
 
 import tvsysid as tv
-from tvsysid.report.sheet import facts
 
 
 def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
@@ -30,8 +29,7 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_one_visit_says_its_answer(identified, tmp_path):
-    models = identified.found.models
-    tv.recordings.write_models(tmp_path / "models.nc", models, about=facts(identified))
+    write_visit(tmp_path, identified)
     tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
     told = " ".join(text for _, text in Elements((tmp_path / "sheet.html").read_text()).of("p"))
     assert "Recommended (adaptive): stiffness " in told
@@ -43,8 +41,7 @@ def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(identifie
     visits = [tmp_path / name for name in ("sound", "biased")]
     withdrawn = attrs.evolve(identified, unnamed_references=["Channel 'command' moves the angle."])
     for folder, account in zip(visits, (identified, withdrawn), strict=True):
-        models = identified.found.models
-        tv.recordings.write_models(folder / "models.nc", models, about=facts(account))
+        write_visit(folder, account)
     for folders, place in (([visits[1]], 1), (visits, 2)):
         tv.report.write_sheet(tmp_path / "sheet.html", folders)
         told = Elements((tmp_path / "sheet.html").read_text())
@@ -58,18 +55,8 @@ def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(identifie
 def test_what_identify_did_not_write_is_refused(tmp_path):
     with pytest.raises(tv.InputError, match="expected 1 to 6 folders of tvsysid identify, got 0"):
         tv.report.write_sheet(tmp_path / "sheet.html", [])
-    with pytest.raises(
-        tv.InputError, match=r"there is no models\.nc; give folders that tvsysid identify wrote"
-    ):
-        tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])
-    for content in ("text", None):
-        if content is None:
-            xr.Dataset({"stiffness": ("time", [1.0])}).to_netcdf(
-                tmp_path / "models.nc", engine="h5netcdf"
-            )
-        else:
+    for content in (None, "text"):
+        if content is not None:
             (tmp_path / "models.nc").write_text(content)
-        with pytest.raises(
-            tv.InputError, match=r"cannot be read, or an older version wrote it; identify .* again"
-        ):
+        with pytest.raises(tv.InputError, match=r"did not write this folder.* again"):
             tv.report.write_sheet(tmp_path / "sheet.html", [tmp_path])

@@ -285,7 +285,7 @@ def _unnamed_references(
 
 def _show_impedance(account: Account) -> None:
     """Print the stiffness to report, a row for each method, and what else they estimate."""
-    from tvsysid.report.answer import answer, further, reflex_shape, with_reflex
+    from tvsysid.report.answer import answer, further
 
     say("\n  ".join(answer(account)))
     found, is_valid = account.found, account.trust.level != "none"
@@ -294,12 +294,9 @@ def _show_impedance(account: Account) -> None:
     title = "stiffness with its band and extremes (N·m/rad), inertia (kg·m²), VAF (%)"
     validity = "" if is_valid else "not valid: "
     show_table(validity + title, table.to_dict("records"), IMPEDANCE)
-    if is_valid and (labels := with_reflex(account)):
+    if is_valid and (labels := account.values["with_reflex"]):
         remark("note", f"the stiffness of {', '.join(labels)} includes the torque of the reflex")
-    show_table("further estimates", [each._asdict() for each in further(found)], FURTHER)
-    for label, model in found.models.items():
-        if shape := reflex_shape(model.diagnostics.details):
-            say(f"{label}: {shape}")
+    show_table("further estimates", further(found).to_dict("records"), FURTHER)
 
 
 def _show_diagnosis(account: Account) -> None:

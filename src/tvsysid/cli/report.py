@@ -24,8 +24,9 @@ def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
     Reads `results.nc` in the folder, and writes `report.html`, the tables and
     `figures/` beside it. The recordings of an experiment are read and prepared again.
 
-    With `--sheet`, reads `models.nc` of each folder instead, and writes `sheet.html` to the last of
-    them: stiffness over time and over visits, with bands, to be printed.
+    With `--sheet`, reads `models.nc` and `stiffness.csv` of each folder instead, and writes
+    `sheet.html` to the last of them: stiffness over time and over visits, with bands, to be
+    printed.
 
     Example: `tvsysid report tvsysid-benchmark`
 

@@ -73,7 +73,7 @@ def read_channels(file: Path, reader: str) -> dict[str, Channel]:
         channels[name] = attrs.evolve(channel, values=values)
     return {
         name: channel
-        if channel.sampling_rate
+        if channel.sampling_rate or math.prod(channel.shape) == 1
         else attrs.evolve(channel, sampling_rate=rates.get(_group(name), rates.get("")))
         for name, channel in channels.items()
     }

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-
-from tvsysid.report.page import in_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,22 +41,3 @@ def sentence(aligned: pd.DataFrame) -> str:
         f"instead of {before:.1f}, by sds from all that were kept."
     )
     return text.replace("-", "−")
-
-
-def table(aligned: pd.DataFrame) -> pd.DataFrame:
-    """Return the effect of the alignment on each recording, with headings for a page."""
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    records: list[Any] = aligned.to_dict("records")
-    rows = [
-        (
-            each["recording"],
-            in_text(each["aligned"], decimals=1),
-            in_text(each["unshifted"], decimals=1),
-            in_text(each["difference"], each["standard_error"], 1),
-            in_text(each["percent"], decimals=0),
-        )
-        for each in records
-    ]
-    means = [f"{name} (N·m/rad)" for name in ("aligned", "unshifted", "difference")]
-    return pd.DataFrame(rows, columns=["recording", *means, "difference (%)"])

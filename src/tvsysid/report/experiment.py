@@ -8,14 +8,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tvsysid.figures import Picture
 from tvsysid.figures.results import of_quantity, unique
 from tvsysid.figures.words import perturbation_name
 from tvsysid.report import alignment
 from tvsysid.report.page import in_text, render
-from tvsysid.report.studies import common, settings_of, with_heading
+from tvsysid.report.studies import best_methods, common, metric_columns, settings_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,18 +24,6 @@ Reported = Mapping[str, Sequence[str]]
 
 # Figures shown in the section about the recordings
 DETAILS = ("recorded-signals", "preparation")
-METRICS = {
-    "mean_stiffness": ("mean stiffness", "N·m/rad", 1),
-    "random_error": ("random error", "N·m/rad", 2),
-    "vaf": ("VAF", "%", 1),
-    "bandpassed_vaf": ("VAF 1–10 Hz", "%", 1),
-    "lowest_time_varying_vaf": ("lowest VAF over time", "%", 1),
-    "bias_error": ("bias error", "N·m/rad", 2),
-    "mean_bias": ("mean bias", "N·m/rad", 2),
-    "seconds": ("time of an identification", "s", 4),
-}
-"""Heading, unit and decimals of each column of the table of metrics."""
-EXTREMES = ("random_error", "vaf", "mean_bias")
 COUNTS = {
     "trials": "trials",
     "trials_left_out": "trials left out",
@@ -75,24 +62,16 @@ def write_experiment_report(
         What the alignment does, as of :func:`tvsysid.study.alignments`; None, or no rows, if
         nothing was aligned.
     """
-    draws, people = results.vaf.values, unique(results.participant.values)
+    people, bootstraps = unique(results.participant.values), results.sizes["bootstrap"]
     is_known = np.isfinite(of_quantity(results).truth.values).any(axis=1)
     virtual = len(unique(results.participant.values[is_known]))
-    failed = int(np.count_nonzero(np.isnan(draws)))
-    settings = settings_of(results, "experiment") | {
-        "computing time": f"{round(float(np.nansum(results.seconds.values))):,} s on one core",
-        "failed identifications": f"{failed} of {draws.size}",
-    }
-    perturbations, bootstraps = unique(summary.perturbation), results.sizes["bootstrap"]
-    shifted = aligned if aligned is not None else summary.iloc[:0]
+    perturbations = unique(summary.perturbation)
     remarks = dict(zip(results.recording.values, map(str, results.remarks.values), strict=True))
-    labels = unique(results.method_key.values)
+    aligned = summary.iloc[:0] if aligned is None else aligned
     render(
         path,
         "experiment.html",
-        **common(results, claims, labels, settings, "recording or method"),
-        failed=failed,
-        tried=draws.size,
+        **common(results, claims, settings_of(results, "experiment"), "recording or method"),
         participants=len(people),
         virtual="all" if virtual == len(people) else "some" if virtual else "none",
         kept=kept(results, summary, reported),
@@ -101,9 +80,9 @@ def write_experiment_report(
         of_participants=metrics(summary, bootstraps, ["participant"]),
         recordings=recordings(results, exclusions, reported),
         remarks={label: text.splitlines() for label, text in remarks.items() if text},
-        alignment=alignment.table(shifted) if len(shifted) else shifted,
-        alignment_sentence=alignment.sentence(shifted),
-        is_notable=len(shifted) > 0 and len(alignment.notable(shifted)) > 0,
+        aligned=aligned,
+        alignment_sentence=alignment.sentence(aligned),
+        is_notable=len(aligned) > 0 and len(alignment.notable(aligned)) > 0,
         remedy=alignment.REMEDY,
         pictures={stem: each for stem, each in pictures.items() if stem not in DETAILS},
         details={stem: each for stem, each in pictures.items() if stem in DETAILS},
@@ -112,42 +91,23 @@ def write_experiment_report(
 
 
 def kept(results: xr.Dataset, summary: pd.DataFrame, reported: Reported) -> list[dict[str, Any]]:
-    """Return realizations kept and main metrics by perturbation, for the page's first sentences."""
+    """Return realizations kept and the best methods by perturbation.
+
+    The methods are compared by their means over participants, each from its least data.
+    """
+    least = summary.groupby("method").realizations.transform("min")
+    groups = summary[summary.realizations == least].groupby(["perturbation", "method", "metric"])
+    means = groups.value.agg(value="mean", standard_error="std").reset_index()
     return [
         {
             "perturbation": perturbation_name(perturbation),
-            "kept": mean_and_deviation(mine.survivors, 0),
+            "kept": in_text(mine.survivors.mean(), mine.survivors.std(), 0),
             "recorded": " to ".join(map(str, sorted({mine.recorded.min(), mine.recorded.max()}))),
             "paper": of_paper(mine, reported.get(str(perturbation))),
-            "extremes": extremes(summary[summary.perturbation == perturbation]),
+            "best": best_methods(means[means.perturbation == perturbation]),
         }
         for perturbation, mine in counts_of(results).groupby("perturbation", sort=False)
     ]
-
-
-def extremes(summary: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the methods with the lowest and highest main metrics, each from its least data."""
-    found = []
-    least = summary[summary.realizations == summary.groupby("method").realizations.transform("min")]
-    for metric in EXTREMES:
-        heading, unit, decimals = METRICS[metric]
-        groups = least[least.metric == metric].groupby("method", sort=False).value
-        means = groups.mean().dropna().sort_values()
-        if len(means):
-            low, high = (
-                {"method": label, "value": mean_and_deviation(groups.get_group(label), decimals)}
-                for label in (means.index[0], means.index[-1])
-            )
-            found.append({"heading": heading, "unit": unit, "low": low, "high": high})
-    return found
-
-
-def mean_and_deviation(values: ArrayLike, decimals: int) -> str:
-    """Return mean ± standard deviation of the known values; of one value no deviation."""
-    known = np.asarray(values, dtype=float)
-    known = known[np.isfinite(known)]
-    mean = known.mean() if len(known) else np.nan
-    return in_text(mean, known.std(ddof=1) if len(known) > 1 else np.nan, decimals)
 
 
 def metrics(summary: pd.DataFrame, bootstraps: int, each: Sequence[str] = ()) -> pd.DataFrame:
@@ -155,19 +115,21 @@ def metrics(summary: pd.DataFrame, bootstraps: int, each: Sequence[str] = ()) ->
 
     Numbers are the mean ± standard deviation over participants.
     """
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    by = [*each, "method", "perturbation", "realizations"]
-    names, rows = with_heading(METRICS, summary), []
     named = summary.assign(perturbation=summary.perturbation.map(perturbation_name))
-    for key, mine in named.groupby(by, sort=False):
-        values = dict(iter(mine.groupby("metric").value))
-        cells = [mean_and_deviation(values.get(name, ()), METRICS[name][2]) for name in names]
-        failed = values["failed"]
-        rows.append([*key, *cells, f"{int(failed.sum())} of {bootstraps * len(failed)}"])
-    headings = [f"{heading} ({unit})" for heading, unit, _ in (METRICS[name] for name in names)]
-    columns = [*by[:-1], "realizations drawn", *headings, "failed draws"]
-    table = pd.DataFrame(rows, columns=columns)
+    by = [*each, "method", "perturbation", "realizations"]
+    groups = named.groupby([*by, "metric"], sort=False).value
+    means, deviations = groups.mean().unstack(sort=False), groups.std().unstack(sort=False)
+    failed = groups.agg(["sum", "count"]).xs("failed", level="metric")
+    table = means[[]].assign(
+        **metric_columns(means, deviations),
+        **{
+            "failed draws": [
+                f"{number:.0f} of {bootstraps * people:.0f}"
+                for number, people in failed.loc[means.index].to_numpy()
+            ]
+        },
+    )
+    table = table.reset_index().rename(columns={"realizations": "realizations drawn"})
     return table if named.perturbation.nunique() > 1 else table.drop(columns="perturbation")
 
 
@@ -188,23 +150,18 @@ def recordings(
     """Return the counts of kept and excluded realizations, and those of the paper."""
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    kept_shifts = exclusions[exclusions.excluded_by == ""].groupby("recording").shift_s
-    shifts = {label: 1000 * each for label, each in kept_shifts}
-    rows = [
-        [label, *counts, mean_and_deviation(shifts.get(label, ()), 0)]
-        for label, *counts in results[list(COUNTS)].to_dataframe()[list(COUNTS)].itertuples()
-    ]
-    means, papers = [], []
+    shifts = exclusions[exclusions.excluded_by == ""].groupby("recording").shift_s
+    late = {label: in_text(1000 * each.mean(), 1000 * each.std(), 0) for label, each in shifts}
+    table = results[list(COUNTS)].to_dataframe()[list(COUNTS)].reset_index()
+    rows = [[*row, late.get(row[0], "–")] for row in table.itertuples(index=False)]
+    totals = []
     for perturbation, mine in counts_of(results).groupby("perturbation", sort=False):
-        name = perturbation_name(perturbation)
+        name, (_, _, *numbers) = perturbation_name(perturbation), (mine[each] for each in COUNTS)
         if len(mine) > 1:
-            cells = [
-                mean_and_deviation(mine[each], int(mine[each].nunique() > 1))
-                for each in list(COUNTS)[2:]
-            ]
-            means.append([f"mean ± SD, {name}", "", "", *cells, ""])
+            cells = [in_text(each.mean(), each.std(), int(each.nunique() > 1)) for each in numbers]
+            totals.append([f"mean ± SD, {name}", "", "", *cells, ""])
         if theirs := of_paper(mine, reported.get(str(perturbation))):
-            papers.append([f"the paper’s, {name}", "10", "", *theirs, ""])
-    index = ["recording"] * len(rows) + ["total"] * len([*means, *papers])
+            totals.append([f"the paper’s, {name}", "10", "", *theirs, ""])
+    index = ["recording"] * len(rows) + ["total"] * len(totals)
     columns = ["recording", *COUNTS.values(), "shift (ms)"]
-    return pd.DataFrame([*rows, *means, *papers], index, columns, dtype=object)
+    return pd.DataFrame([*rows, *totals], index, columns, dtype=object)

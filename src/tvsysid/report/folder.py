@@ -10,7 +10,7 @@ from tvsysid.errors import printable
 from tvsysid.figures import save, scheduled_estimates, tuning_curves, variable_of
 from tvsysid.figures.words import count
 from tvsysid.recordings import write_models, write_table
-from tvsysid.report.answer import Account, taken
+from tvsysid.report.answer import Account
 from tvsysid.report.identification import illustrations, write_identification
 from tvsysid.report.sheet import facts, group_name, write_sheet
 
@@ -36,26 +36,17 @@ def write_folder(
     list of str
         Names of all files.
     """
-    found, names = account.found, ["report.html"]
-    write_table(folder / "stiffness.csv", found.over_time())
-    models = {group_name(label): model for label, model in found.models.items()}
-    write_models(folder / "models.nc", models, found.ensemble, facts(account))
-    title, variable = _title(account), variable_of(found.models, found.ensemble)
+    found, title = account.found, printable(_title(account))
+    tables = {"stiffness": found.over_time()}
     on_page = illustrations(account)
     stem = "methods" if "methods" in on_page else "answer"
     impedance = on_page[stem].draw()
-    impedance.suptitle(printable(title))
+    impedance.suptitle(title)
     on_page[stem] = attrs.evolve(on_page[stem], draw=lambda: impedance)
-    write_identification(folder / "report.html", account, command, on_page)
-    if sheet:
-        write_sheet(folder / "sheet.html", [folder])
-        names.append("sheet.html")
-    names += ["models.nc", "stiffness.csv"]
     figures = {"stiffness": impedance}
-    if not (table := found.over_variables()).empty:
-        write_table(folder / "scheduled.csv", table)
-        names.append("scheduled.csv")
-        if variable:
+    if not (over_variables := found.over_variables()).empty:
+        tables["scheduled"] = over_variables
+        if variable := variable_of(found.models, found.ensemble):
             figures["scheduled"] = scheduled_estimates(
                 found.models, found.ensemble, variable, title
             )
@@ -63,15 +54,20 @@ def write_folder(
         import pandas as pd  # noqa: PLC0415  # heavy
 
         tried = {label: item.to_pandas() for label, item in found.evidence.items()}
-        table = pd.concat(tried, names=["method"]).reset_index("method")
-        write_table(folder / "tuning.csv", table)
-        names.append("tuning.csv")
+        tables["tuning"] = pd.concat(tried, names=["method"]).reset_index("method")
         figures["tuning"] = tuning_curves(found.evidence)
-    for stem, figure in figures.items():
-        for ending in ("png", "pdf"):
-            save(figure, folder / f"{stem}.{ending}")
-            names.append(f"{stem}.{ending}")
-    return names
+    models = {group_name(label): model for label, model in found.models.items()}
+    write_models(folder / "models.nc", models, found.ensemble, facts(account))
+    for name, table in tables.items():
+        write_table(folder / f"{name}.csv", table)
+    write_identification(folder / "report.html", account, command, on_page)
+    if sheet:
+        write_sheet(folder / "sheet.html", [folder])
+    pictures = [f"{name}.{ending}" for name in figures for ending in ("png", "pdf")]
+    for picture in pictures:
+        save(figures[picture.partition(".")[0]], folder / picture)
+    pages = ["report.html", *["sheet.html"] * sheet, "models.nc"]
+    return [*pages, *(f"{name}.csv" for name in tables), *pictures]
 
 
 def _title(account: Account) -> str:
@@ -80,4 +76,6 @@ def _title(account: Account) -> str:
     title = "not valid: " if account.trust.level == "none" else ""
     title += f"{account.source.get('file', 'ensemble')}: {count(len(ensemble), 'realization')} of "
     title += f"{ensemble.duration:g} s"
-    return f"{title}; {taken(ensemble.delay_removed)}" if ensemble.delay_removed else title
+    if delay := 1000 * ensemble.delay_removed:
+        title += f"; torque taken {abs(delay):.3g} ms {'earlier' if delay > 0 else 'later'}"
+    return title

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.figures import Picture
-from tvsysid.report.page import in_text, render
+from tvsysid.report.page import render
 from tvsysid.report.studies import problems_table, settings_of, version_of
 
 if TYPE_CHECKING:
@@ -44,28 +44,18 @@ def write_leaderboard_page(
     """
     errors = standings[["entry", *scenarios.index]]
     errors = errors.set_axis(["entry", *map(str, scenarios.number)], axis=1)
+    decimals = dict.fromkeys([*map(str, standings), *errors], 1) | {"score": 2, "behind": 2}
     render(
         path,
         "leaderboard.html",
+        decimals=decimals,
         first=", ".join(standings.entry[standings["rank"] == 1]),
-        standings=in_texts(standings.drop(columns=list(scenarios.index))),
-        errors=in_texts(errors),
-        scenarios=in_texts(scenarios.rename(columns=HEADINGS)),
+        standings=standings.drop(columns=list(scenarios.index)),
+        errors=errors,
+        scenarios=scenarios.rename(columns=HEADINGS),
         picture=picture,
         problems=problems_table(results, "entry"),
         versions=settings_of(results, "versions"),
         version=version_of(results),
         **facts,
     )
-
-
-def in_texts(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a data frame whose numbers are texts, ± their columns ``_error``."""
-    shown = frame[[name for name in map(str, frame) if not name.endswith("_error")]].copy()
-    for name in shown.select_dtypes("float"):
-        if (error := f"{name}_error") in frame:
-            pairs = zip(frame[name], frame[error], strict=True)
-            shown[name] = [in_text(*pair, 2) for pair in pairs]
-        else:
-            shown[name] = [in_text(value, decimals=1) for value in frame[name]]
-    return shown

@@ -13,35 +13,14 @@ from tvsysid.errors import InputError
 from tvsysid.figures import Picture
 from tvsysid.figures.results import scenario_traits
 from tvsysid.figures.words import TRAITS, described, trait
-from tvsysid.report.page import in_text, render
-from tvsysid.report.studies import common, settings_of, with_heading
-from tvsysid.study.scenarios import OWN, Study
+from tvsysid.report.page import render
+from tvsysid.report.studies import best_methods, common, metric_columns, settings_of
+from tvsysid.study.scenarios import Study
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-RANKED = {
-    "bias_error": ("bias error", "N·m/rad", 2),
-    "random_error": ("random error", "N·m/rad", 2),
-    "total_error": ("total error", "N·m/rad", 2),
-    "rise_time": ("rise time", "s", 3),
-    "vaf": ("VAF", "%", 2),
-    "bandpassed_vaf": ("VAF 1–10 Hz", "%", 2),
-    "coverage": ("in 95 % band", "%", 1),
-    "reflex_gain total_error": ("error of reflex gain", "N·m·s/rad", 2),
-    "intrinsic pathway_vaf": ("VAF intrinsic", "%", 1),
-    "reflex pathway_vaf": ("VAF reflex", "%", 1),
-    "seconds": ("time", "ms", 1),
-}
-"""Heading, unit and decimals of each column of the ranking."""
-BEST = {
-    "bias_error": "lowest bias error",
-    "random_error": "lowest random error",
-    "total_error": "lowest total error",
-    "rise_time": "shortest rise time",
-    "vaf": "highest VAF",
-}
 HEADINGS = {
     "profile": "stiffness",
     "duration_s": "data (s)",
@@ -49,6 +28,7 @@ HEADINGS = {
     "rate": "sampling rate (Hz)",
     "period": "duration of a realization (s)",
 }
+UNRANKED = ["mean_stiffness", "mean_bias", "lowest_time_varying_vaf"]
 USUAL = {"profile": "square", "duration_s": 150.0, "snr_db": 10.0, "viscosity": "constant"}
 CLAIMS = (
     "What van de Ruit et al. (2021) say, and whether this study finds it. Estimate and limits (95 "
@@ -84,30 +64,16 @@ def write_report(
         What stands above the claims.
     """
     traits, study = scenario_traits(results), settings_of(results, "study")
-    settings = {HEADINGS.get(name, name): value for name, value in study.items()}
-    for name in ("profile", "viscosity"):
-        if (traits[name] == OWN).all():  # of a system that has no such setting
-            settings.pop(HEADINGS.get(name, name), None)
-    failed, tried = (
-        int((results.failure != "").sum()),
-        int(results.asked.sum()) * results.sizes["trial"],
-    )
-    seconds = float(results.seconds.sum() + results.other_seconds.sum())
-    settings |= {
-        "computing time": f"{round(seconds):,} s on one core",
-        "failed identifications": f"{failed} of {tried}",
-    }
     rows: list[Any] = traits.to_dict("records")
     varying = [name for name in TRAITS if traits[name].nunique() > 1]
     main = main_scenario(traits)
     total = summary[summary.metric == "total_error"].dropna(subset=["value"])
     best = total.loc[total.groupby("scenario", sort=False).value.idxmin()]
+    settings = {HEADINGS.get(name, name): value for name, value in study.items()}
     render(
         path,
         "study.html",
-        **common(results, claims, map(str, results.method_key.values), settings, "method"),
-        failed=failed,
-        tried=tried,
+        **common(results, claims, settings, "method"),
         main=main,
         best=best_methods(summary[summary.scenario == main]),
         wins=best.method.value_counts().to_dict(),
@@ -126,54 +92,24 @@ def main_scenario(traits: pd.DataFrame) -> str:
     return str((traits[list(USUAL)] == list(USUAL.values())).sum(axis=1).idxmax())
 
 
-def best_methods(summary: pd.DataFrame) -> list[dict[str, str]]:
-    """Return the best method by each metric, and its ``rival`` if they do not differ clearly."""
-    best = []
-    for metric, words in BEST.items():
-        rows = summary[summary.metric == metric].dropna(subset=["value"])
-        rows = rows.sort_values("value", ascending=metric != "vaf")
-        if len(rows) < 2:
-            continue
-        values, errors = rows.value.to_numpy(), rows.standard_error.fillna(0.0).to_numpy()
-        is_clear = abs(values[1] - values[0]) > 2 * np.hypot(*errors[:2])
-        best.append(
-            {
-                "method": rows.method.iloc[0],
-                "words": words,
-                "value": in_text(values[0], rows.standard_error.iloc[0], RANKED[metric][2]),
-                "unit": rows.unit.iloc[0],
-                "rival": "" if is_clear else rows.method.iloc[1],
-                "compared": "higher" if metric == "vaf" else "lower",
-            }
-        )
-    return best
-
-
 def ranking(traits: pd.DataFrame, varying: list[str], summary: pd.DataFrame) -> pd.DataFrame:
     """Return metrics of every method in every scenario, the lowest total error of each first."""
-    metrics = with_heading(RANKED, summary)
-    rows = summary[summary.metric.isin([*metrics, "total_error"])]
-    value, error = (
-        rows.pivot(index=["scenario", "method"], columns="metric", values=name)
-        for name in ("value", "standard_error")
+    wide: Any = summary.pivot(
+        index=["scenario", "method"], columns="metric", values=["value", "standard_error"]
     )
-    places = value.index.get_level_values("scenario").map(list(traits.index).index)
-    value = value.assign(place=places).sort_values(["place", "total_error"], kind="stable")
-    error = error.reindex(value.index)
-    scenarios, methods = (value.index.get_level_values(name) for name in ("scenario", "method"))
-    table = traits.loc[scenarios, varying].rename(columns=HEADINGS)
-    table.insert(0, "method", methods)
+    scenarios = traits.index.get_indexer(wide.index.get_level_values("scenario"))
+    wide = wide.iloc[np.lexsort((wide["value"].total_error, scenarios))]
+    labels = wide.index.get_level_values("scenario")
+    columns: dict[str, Any] = {"method": wide.index.get_level_values("method")}
     for name in varying:
-        heading = HEADINGS.get(name, name)
-        if table[heading].dtype.kind == "f":
-            table[heading] = table[heading].map("{:g}".format)
-        else:
-            table[heading] = [trait(name, each).removeprefix("b ") for each in table[heading]]
-    for name in metrics:
-        heading, unit, decimals = RANKED[name]
-        factor = 1000 if unit == "ms" else 1
-        pairs = zip(factor * value[name], factor * error[name], strict=True)
-        table[f"{heading} ({unit})"] = [in_text(*pair, decimals) for pair in pairs]
+        values = traits.loc[labels, name]
+        columns[HEADINGS.get(name, name)] = [
+            f"{each:g}" if values.dtype.kind == "f" else trait(name, each).removeprefix("b ")
+            for each in values
+        ]
+    values = wide["value"].drop(columns=UNRANKED, errors="ignore")
+    columns |= metric_columns(values, wide["standard_error"])
+    table: pd.DataFrame = traits.loc[labels, []].assign(**columns)
     return table
 
 

@@ -50,29 +50,17 @@ def test_a_rate_far_above_the_perturbation_for_spectra():
     simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
         60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
     )
-    # A short window, for the time taken goes with its square: a third of a minute for the usual one
-    # at 1 kHz.
+    # A short window, as the time taken goes with its square
     text = doubts(tv.EnsembleSpectral(window=0.1), tv.preprocess.segment(simulation.recording, 2.0))
     assert "hardly any power above 250 Hz" in text
-    recording = tv.preprocess.decimate(simulation.recording, 250)
-    ensemble = tv.preprocess.segment(recording, 2.0)
-    predicted = tv.EnsembleSpectral().identify(ensemble).predict(ensemble)
-    assert tv.metrics.vaf(ensemble.torque[:, ensemble.core], predicted).mean() > 80
 
 
 @pytest.mark.parametrize("key", ["eirf", "sds", "esm"])
-@pytest.mark.parametrize("perturbation", ["noise", "prbs"])
+@pytest.mark.parametrize("perturbation", [tv.simulate.FilteredNoise(), tv.simulate.PRBS()])
 def test_a_joint_that_is_not_of_second_order(key, perturbation):
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.Constant(100.0)).simulate(
-        150,
-        perturbation={"noise": tv.simulate.FilteredNoise(), "prbs": tv.simulate.PRBS()}[
-            perturbation
-        ],
-        snr_db=10,
-        seed=4,
-    )
+    joint = tv.simulate.Joint(stiffness=tv.simulate.Constant(100.0))
+    recording = joint.simulate(150, perturbation=perturbation, snr_db=10, seed=4).recording
     # A reflex: velocity 40 ms ago, through a second-order low-pass of some 2.5 Hz.
-    recording = simulation.recording
     velocity = np.roll(np.gradient(recording.angle, 1e-3), 40)
     reflex = 15 * lfilter(*bilinear([16.0**2], [1, 2 * 0.65 * 16.0, 16.0**2], fs=1000), velocity)
     with_reflex = attrs.evolve(recording, torque=recording.torque + reflex)

@@ -293,4 +293,4 @@ def test_a_tuned_method_says_of_itself_what_the_method_says():
     assert not kbr.quantities
     assert pickle.loads(pickle.dumps(kbr)) == kbr
     experiment = tv.study.Experiment(virtual=1, methods=["kbr:tuned=true", "kbr"])
-    assert [each.contiguous for each in experiment.analyses] == [True] * len(experiment.analyses)
+    assert all(each.method.contiguous for each in experiment.analyses)

@@ -43,7 +43,7 @@ class ShortDataSegments(shared.ByReference):
     reference
         Channel with the applied disturbance, for a joint in closed loop, where noise in the torque
         also moves the angle. The lags of the channel from -max_lag to 0.3 s are then the
-        instruments of two-stage least squares (:mod:`tvsysid.methods.shared.two_stage`). The
+        instruments of two-stage least squares (:mod:`tvsysid.methods.shared.correlations`). The
         response is truncated at a hundredth of its best determined direction. The random error is
         two to three times that of esm and birf with a reference.
 
@@ -86,21 +86,17 @@ class ShortDataSegments(shared.ByReference):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
                 f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
-        unknowns, stages, errors = 2 * lags + 1, None, None
-        if self.reference is not None:
-            stages = shared.TwoStage.of(ensemble, self.reference, lags, half)
-        windows = shared.solve_windows(ensemble, lags, half, instruments=stages)
-        if stages is not None:
-            errors = stages.standard_errors(ensemble, windows)
+        unknowns, independent = 2 * lags + 1, shared.independent_realizations(ensemble)
+        windows = shared.solve_windows(ensemble, lags, half, reference=self.reference)
         enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
-        enough &= windows.realizations >= MIN_REALIZATIONS
+        enough &= independent >= MIN_REALIZATIONS
         why = (
             f"windows over {shared.counted(ensemble)} hold {windows.independent.max():.0f} "
             f"independent samples for {unknowns} lags, where {MIN_SAMPLES_PER_LAG} for each and "
             f"{MIN_REALIZATIONS} realizations are needed to estimate the noise; record more, "
             "shorten max_lag, or lengthen window"
         )
-        return shared.window_model(ensemble, windows, enough, why, errors)
+        return shared.window_model(ensemble, windows, enough, why)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

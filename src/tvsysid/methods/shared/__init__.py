@@ -1,10 +1,6 @@
 """Provide the functions and names that several methods share."""
 
-from tvsysid.methods.shared.correlations import (
-    impulse_response_model,
-    solve_windows,
-    window_model,
-)
+from tvsysid.methods.shared.correlations import solve_windows
 from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
 from tvsysid.methods.shared.instrument import LEAST, ByReference
 from tvsysid.methods.shared.residuals import (
@@ -20,7 +16,7 @@ from tvsysid.methods.shared.residuals import (
     second_order_torque,
 )
 from tvsysid.methods.shared.segments import SegmentFit, instrumental_fit
-from tvsysid.methods.shared.two_stage import TwoStage
+from tvsysid.methods.shared.windows import impulse_response_model, window_model
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import PRIORS, Moments, Regression

@@ -11,7 +11,6 @@ is a sum over samples with the squared window as weights.
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -70,9 +69,8 @@ def instrumental_fit(
     """
     (z, _), (x, _) = (segment_signals(each, within) for each in (moved, ensemble))
     weights = np.broadcast_to(power[::-1], (z.shape[2] - len(power) + 1, len(power)))
-    products = np.empty((len(ensemble), len(weights), 3, 4))
-    for a, b in itertools.product(range(3), range(4)):
-        products[:, :, a, b] = convolve_lags(z[a] * x[b], weights)
+    products = convolve_lags((z[:3, None] * x).reshape(-1, z.shape[2]), weights)
+    products = products.reshape(3, 4, len(ensemble), -1).transpose(2, 3, 0, 1)
     sums = products.sum(axis=0)
     impedance, inverse = second_order_fit(sums[..., :3], sums[..., 3])
     scores = products[..., 3] - np.einsum("rtij,tj->rti", products[..., :3], impedance)
@@ -107,9 +105,8 @@ class SegmentFit(NamedTuple):
     def of(cls, ensemble: Ensemble, power: Array, within: slice, products: Array) -> SegmentFit:
         """Fit segments. ``products`` are the :func:`colour_products` of the angle."""
         signals, known = segment_signals(ensemble, within)
-        moments = np.empty((signals.shape[2], 4, 4))
-        for a, b in itertools.combinations_with_replacement(range(4), 2):
-            moments[:, a, b] = moments[:, b, a] = np.einsum("rt,rt->t", signals[a], signals[b])
+        by_sample = signals.transpose(2, 0, 1)
+        moments = by_sample @ by_sample.transpose(0, 2, 1)
         sums = window_sums(moments, power)
         impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
 

@@ -27,7 +27,7 @@ def explore(
 ) -> None:
     """Open a page on which settings are chosen and their result is seen at once.
 
-    Needs Shiny: `pip install 'tvsysid[explore]'`. The page has channels, period, decimation, method
+    The page has channels, period, decimation, method
     and settings. It shows stiffness with its band, the diagnosis, which method suits the data, and
     the `tvsysid identify` command and the Python that give the same. What is not given here is
     chosen there; the page begins with data decimated to 100 Hz.

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import html
 import secrets
-import socket
-import threading
-import time
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from threading import Thread
+from typing import Any
+from urllib.parse import parse_qsl
 
 import attrs
 
 from tvsysid.errors import InputError
+from tvsysid.explorer.outcome import ONE_AT_A_TIME, forget
+from tvsysid.explorer.page import page, result
 from tvsysid.explorer.settings import Settings
 from tvsysid.preprocess.trials import nearest_rate
 from tvsysid.recordings import Reading, Segmentation, describe_file
 from tvsysid.signals import Recording
 
-if TYPE_CHECKING:
-    from shiny import App
-
 HOST = "127.0.0.1"
 USUAL_RATE_HZ = 100.0
-GRACE_S = 1  # for pages that are still open when it closes
 
 
 class Exploration:
@@ -32,31 +30,44 @@ class Exploration:
     ``url`` is its address on this computer, ``close`` ends it.
     """
 
-    def __init__(self, app: App, port: int = 0) -> None:
-        import uvicorn  # noqa: PLC0415  # optional
-        from starlette.applications import Starlette  # noqa: PLC0415
-        from starlette.routing import Mount  # noqa: PLC0415
+    def __init__(self, start: Settings, channels: dict[str, str], port: int = 0) -> None:
+        # Nobody else on this computer, and no other page of the browser, knows the address.
+        path, content = f"/{secrets.token_urlsafe(12)}/", page(start, channels)
+        newest: list[object] = []
 
-        listening = socket.socket()
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                self.reply(content)
+
+            def do_POST(self) -> None:
+                body = self.rfile.read(int(self.headers["Content-Length"])).decode()
+                form = dict(parse_qsl(body, keep_blank_values=True))
+                newest[:] = [self]
+                with ONE_AT_A_TIME:
+                    is_replaced = self not in newest  # by a later choice
+                    self.reply("" if is_replaced or self.path != path else result(form, start))
+
+            def reply(self, text: str) -> None:
+                is_known = self.path == path
+                with suppress(ConnectionError):  # the page has gone on
+                    self.send_response(200 if is_known else 404)
+                    self.send_header("Content-Type", "text/html; charset=utf-8")
+                    self.end_headers()
+                    self.wfile.write(text.encode() if is_known else b"")
+
+            def log_message(self, *given: object) -> None:
+                pass
+
         try:
-            listening.bind((HOST, port))
+            self._server = ThreadingHTTPServer((HOST, port), Handler)
         except (OSError, OverflowError, TypeError) as error:
-            listening.close()
             reason = getattr(error, "strerror", None) or "expected a whole number from 0 to 65535"
             raise InputError(
                 f"port {port}: {reason}; give another, or none for any that is free"
             ) from error
-        # Nobody else on this computer, and no other page of the browser, knows the address.
-        secret = secrets.token_urlsafe(12)
-        self.url = f"http://{HOST}:{listening.getsockname()[1]}/{secret}/"
-        behind = Starlette(routes=[Mount(f"/{secret}", app=app)])
-        config = uvicorn.Config(behind, log_level="error", timeout_graceful_shutdown=GRACE_S)
-        self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self._server.run, args=([listening],), daemon=True)
+        self.url = f"http://{HOST}:{self._server.server_port}{path}"
+        self._thread = Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
-        while not self._server.started and self._thread.is_alive():
-            time.sleep(0.01)
 
     def wait(self) -> None:
         """Wait until it is closed, or the program is interrupted."""
@@ -64,20 +75,17 @@ class Exploration:
 
     def close(self) -> None:
         """Close the page and release the recording. A running identification is abandoned."""
-        from tvsysid.explorer.outcome import forget  # noqa: PLC0415  # heavy
-
-        self._server.should_exit = True
-        self._thread.join(GRACE_S + 2)
+        self._server.shutdown()
+        self._server.socket.close()
         forget()
 
     def __repr__(self) -> str:
         return f"Exploration({self.url})"
 
     def _repr_html_(self) -> str:
-        source = html.escape(self.url)
         return (
-            f'<iframe src="{source}" title="tvsysid explore" width="100%" height="900" '
-            f'style="border:0"></iframe>'
+            f'<iframe src="{self.url}" title="tvsysid explore" width="100%" height="900" '
+            'style="border:0"></iframe>'
         )
 
 
@@ -91,7 +99,7 @@ def explore(
 ) -> Exploration:
     """Open a page on which settings are chosen and their result is seen at once.
 
-    Needs Shiny: ``pip install 'tvsysid[explore]'``. A notebook shows the page below the cell.
+    A notebook shows the page below the cell.
 
     Parameters
     ----------
@@ -109,8 +117,7 @@ def explore(
     Raises
     ------
     InputError
-        If Shiny is not installed, the file cannot be read, a setting is not valid, or the port is
-        in use.
+        If the file cannot be read, a setting is not valid, or the port is in use.
 
     Examples
     --------
@@ -118,10 +125,6 @@ def explore(
     >>> tv.explore("ankle.mat", angle="pos", torque="tq", period=2.0)  # doctest: +SKIP
     Exploration(http://127.0.0.1:45219/v2VwJqQ6dRkB1mfX/)
     """
-    try:
-        from tvsysid.explorer.page import page  # noqa: PLC0415  # optional
-    except ModuleNotFoundError as error:
-        raise InputError("the explorer needs Shiny: pip install 'tvsysid[explore]'") from error
     own = {name: settings.pop(name) for name in attrs.fields_dict(Reading) if name in settings}
     reading = Reading(**own)
     rate = source.sampling_rate if isinstance(source, Recording) else reading.sampling_rate
@@ -141,4 +144,4 @@ def explore(
     elif own:
         raise InputError(f"explore: a recording has been read already; leave out {min(own)}")
     start = Settings(source, reading, cutting, align_channels, method)
-    return Exploration(page(start, channels), port)
+    return Exploration(start, channels, port)

@@ -1,4 +1,4 @@
-"""Settings of the explorer, and the command and the Python code that repeat an analysis."""
+"""Settings of the explorer: as its form states them, and as a command or Python code."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from typing import Any
 
 import attrs
 
-from tvsysid.comparison import PreparedRecording
 from tvsysid.errors import InputError
-from tvsysid.methods import key_of, parse
-from tvsysid.methods.settings import split_settings
+from tvsysid.methods import parse
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
 from tvsysid.signals import Recording
 from tvsysid.validators import settings_of
@@ -23,6 +21,15 @@ REQUIRED = {
     "sampling_rate": "enter the sampling rate of the recording (Hz)",
     "period": "enter the duration of one repetition (s); any, if the joint is held still",
 }
+TEXTS = ("angle", "torque", "angle_unit", "torque_unit", "columns")
+PYTHON = """import tvsysid as tv
+from tvsysid.comparison import prepare_recording
+from tvsysid.recordings import Reading, Segmentation
+
+{read}prepared = prepare_recording(
+    recording, {cutting!r}, {centered!r}, align_channels={align_channels}
+)
+found = tv.compare(prepared.ensemble, [{method!r}])"""
 
 
 @attrs.frozen
@@ -41,65 +48,44 @@ class Settings:
         if isinstance(self.source, Recording):
             return ""
         words = ["tvsysid", "identify", str(self.source)]
-        for name, value in (_changed(self.reading) | _changed(self.cutting)).items():
-            channels = value.items() if isinstance(value, Mapping) else ()
-            for text in [f"{own}={there}" for own, there in channels] or [_text(value)]:
-                words += ("--" + OPTION_NAMES.get(name, name).replace("_", "-"), text)
+        for options in (self.reading, self.cutting):
+            for name, usual in attrs.asdict(type(options)()).items():
+                value = getattr(options, name)
+                if value != usual:
+                    pairs = isinstance(value, Mapping) and [f"{own}={value[own]}" for own in value]
+                    option = "--" + OPTION_NAMES.get(name, name).replace("_", "-")
+                    words += [each for text in pairs or [_text(value)] for each in (option, text)]
         words += [] if self.align_channels else ["--no-align-channels"]
         return shlex.join([*words, "--method", self.method])
 
-    def python(self, prepared: PreparedRecording) -> str:
-        """Return Python code of the same analysis, with the corrections that were made."""
-        lines = ["import tvsysid as tv", ""]
-        if isinstance(self.source, Path):
-            words = [repr(str(self.source))]
-            words += (
-                f"{name}={value!r}"
-                if isinstance(value, Mapping | str)
-                else f"{name}={_text(value)}"
-                for name, value in _changed(self.reading).items()
-            )
-            lines.append(f"recording = tv.read_recording({', '.join(words)})")
-        lines.append("gaps = tv.preprocess.find_gaps(recording)")
-        delay, rate = float(prepared.ensemble.delay_removed), self.cutting.decimate
-        for step, value in (
-            ("remove_mains", prepared.mains),
-            ("align_channels", delay),
-            ("decimate", rate),
-        ):
-            if value:
-                lines.append(f"recording = tv.preprocess.{step}(recording, {_text(value)})")
-        cut = f"{_text(self.cutting.period)}, {_text(self.cutting.context)}, gaps"
-        channels = f", {list(prepared.centered)!r}" if prepared.centered else ""
-        lines += [
-            f"ensemble = tv.preprocess.segment(recording, {cut})",
-            f"ensemble = tv.preprocess.subtract_mean(ensemble{channels})",
-            f"found = tv.compare(ensemble, [{self.method!r}])",
-        ]
-        return "\n".join(lines)
-
-
-def _changed(settings: Reading | Segmentation) -> dict[str, object]:
-    """Return the settings that differ from the defaults."""
-    usual = attrs.asdict(type(settings)())
-    return {name: value for name, value in attrs.asdict(settings).items() if value != usual[name]}
+    def python(self, centered: tuple[str, ...]) -> str:
+        """Return Python code of the same analysis; ``centered`` channels lose their mean."""
+        read = f"recording = tv.read_recording({str(self.source)!r}, {self.reading!r})\n"
+        return PYTHON.format(
+            read=read if isinstance(self.source, Path) else "",
+            cutting=self.cutting,
+            centered=centered,
+            align_channels=self.align_channels,
+            method=self.method,
+        )
 
 
 def _text(value: object) -> str:
     """Return a value as typed, whole numbers without a point."""
-    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
+    return f"{value:.15g}" if isinstance(value, float) else str(value)
 
 
-def settings_from(controls: Mapping[str, Any], start: Settings) -> Settings:
-    """Return the settings that the controls of the page show.
+def settings_from(form: Mapping[str, str], start: Settings) -> Settings:
+    """Return the settings that the form of the page states.
 
     Parameters
     ----------
-    controls
-        Fields of :class:`Reading` and :class:`Segmentation`; ``reversed``, ``align_channels``, the
-        key of the ``method`` and the texts of its ``settings``.
+    form
+        Texts by name: fields of :class:`Reading` and :class:`Segmentation`, ``reversed`` and
+        ``align_channels`` if they are checked, the key of the ``method``, and its settings, as
+        ``sds.window``.
     start
-        Settings of the page when it opens: the source, and what has no control.
+        Settings of the page when it opens: the source, and what the form does not state.
 
     Raises
     ------
@@ -107,23 +93,33 @@ def settings_from(controls: Mapping[str, Any], start: Settings) -> Settings:
         For what is missing or not valid.
     """
     for name, text in REQUIRED.items():
-        if name in controls and controls[name] in ("", None):
+        if form.get(name) == "":
             raise InputError(text)
-    reading = start.reading
+    numbers: dict[str, Any] = {}
+    for name in ("sampling_rate", "period", "decimate", "context"):
+        try:
+            numbers[name] = float(form[name]) if form.get(name) else None
+        except ValueError:
+            raise InputError(f"{name}: expected a number, got {form[name]!r}") from None
+    reading, rate = start.reading, numbers.pop("sampling_rate")
     if isinstance(start.source, Path):
-        own = {name: controls[name] for name in attrs.fields_dict(Reading) if name in controls}
-        reading = attrs.evolve(reading, **own, torque_sign=-1 if controls["reversed"] else 1)
-    cutting = Segmentation(**{name: controls[name] for name in attrs.fields_dict(Segmentation)})
-    method = method_text(controls["method"], controls["settings"])
-    return Settings(start.source, reading, cutting, controls["align_channels"], method)
+        words: dict[str, Any] = {name: form[name] for name in TEXTS}
+        words |= {"sampling_rate": rate, "torque_sign": -1 if "reversed" in form else 1}
+        reading = attrs.evolve(reading, **words)
+    key = form["method"]
+    own = {name: text for name, text in form.items() if name.startswith(f"{key}.")}
+    return Settings(
+        start.source,
+        reading,
+        Segmentation(**numbers),
+        "align_channels" in form,
+        method_text(key, {name.removeprefix(f"{key}."): text for name, text in own.items()}),
+    )
 
 
 def method_settings(key: str) -> dict[str, str]:
-    """Return the settings of a method and their defaults as text; none if one is required."""
-    try:
-        method = parse(key)
-    except InputError:
-        return {}
+    """Return the settings of a method and their defaults as text."""
+    method = parse(key)
     shown = {
         name: f"{value:.4g}" if isinstance(value, float) else str(value)
         for name, value in settings_of(method).items()
@@ -135,9 +131,3 @@ def method_text(key: str, given: Mapping[str, str]) -> str:
     """Return a method as typed: its key and settings."""
     words = [f"{name}={text.strip()}" for name, text in given.items() if text.strip()]
     return ":".join(filter(None, (key, ",".join(words))))
-
-
-def method_parts(text: str) -> tuple[str, dict[str, str]]:
-    """Return the key of a method as typed, and its settings."""
-    key = key_of(text)
-    return key, split_settings(text[len(key) + 1 :])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from functools import singledispatch
 from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
 
 from tvsysid.comparison import Comparison
 from tvsysid.errors import InputError
@@ -23,11 +24,10 @@ from tvsysid.simulate import Simulation
 from tvsysid.study.prepared import excerpt
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import xarray as xr
 
 
-@singledispatch
-def plot(shown: Any, title: str = "") -> Figure:
+def plot(shown: Any, title: str = "") -> Figure:  # noqa: PLR0911  # one for each kind
     """Draw an object of the package: a recording, ensemble, model, comparison, study results, ….
 
     What ``shown.plot()`` draws. Results, as of :func:`tvsysid.study.run`, are an
@@ -49,15 +49,28 @@ def plot(shown: Any, title: str = "") -> Figure:
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['angle (rad)', 'torque (N·m)']
     """
-    import pandas as pd  # noqa: PLC0415  # heavy
-
+    match shown:
+        case Recording():
+            return _plot_recording(shown, title)
+        case Simulation():
+            return _plot_recording(shown.recording, title)
+        case Ensemble():
+            return ensemble_signals(shown, title)
+        case Preparation():
+            return preparation_steps(shown, title)
+        case Diagnosis():
+            return diagnosis_panels(shown, title)
+        case Model():
+            return identified_impedance({shown.method: shown}, {}, title)
+        case Comparison():
+            return identified_impedance(shown.models, shown.time_varying_vaf, title)
+        case Evidence():
+            return tuning_curves({shown.criterion: shown}, title)
+        case Plan():
+            return planned_recording(shown, title)
     dims = getattr(shown, "dims", ())
     if "scenario" in dims:
-        labels = list(map(str, shown.scenario.values))
-        middle = labels[len(labels) // 2]
-        drawn = shown.sel(quantity=[name for name in shown.quantity.values if name in OVER_TIME])
-        none = pd.DataFrame(columns=["scenario", "metric", "value"])
-        return method_comparison(drawn, none, [middle], [], title or middle)
+        return _plot_simulations(shown, title)
     if "bootstrap" in dims:
         return stiffness_of_participants(shown, title)
     raise InputError(
@@ -66,22 +79,16 @@ def plot(shown: Any, title: str = "") -> Figure:
     )
 
 
-def _plot_recording(recording: Recording, title: str = "") -> Figure:
+def _plot_recording(recording: Recording, title: str) -> Figure:
     part = excerpt(recording, "target" if "target" in recording.channels else None)
     return recorded_signals({f"{part.duration:g} s of {recording.duration:g} s": part}, title)
 
 
-plot.register(Recording, _plot_recording)
-plot.register(Simulation, lambda simulation, title="": _plot_recording(simulation.recording, title))
-plot.register(Ensemble, ensemble_signals)
-plot.register(Preparation, preparation_steps)
-plot.register(Diagnosis, diagnosis_panels)
-plot.register(Model, lambda model, title="": identified_impedance({model.method: model}, {}, title))
-plot.register(
-    Comparison,
-    lambda found, title="": identified_impedance(found.models, found.time_varying_vaf, title),
-)
-plot.register(
-    Evidence, lambda evidence, title="": tuning_curves({evidence.criterion: evidence}, title)
-)
-plot.register(Plan, planned_recording)
+def _plot_simulations(results: xr.Dataset, title: str) -> Figure:
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    middle = str(results.scenario.values[results.sizes["scenario"] // 2])
+    quantities = [name for name in results.quantity.values if name in OVER_TIME]
+    nothing = pd.DataFrame(columns=["scenario", "metric", "value"])
+    drawn = results.sel(quantity=quantities)
+    return method_comparison(drawn, nothing, [middle], [], title or middle)

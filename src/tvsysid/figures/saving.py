@@ -16,7 +16,7 @@ from tvsysid.recordings import whole_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LOOK = Path(__file__).with_name("tvsysid.mplstyle")
+LOOK: Path = Path(__file__).with_name("tvsysid.mplstyle")
 # A date would make each file a new one.
 UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 

@@ -28,7 +28,7 @@ class AlignmentEffect(NamedTuple):
     standard_error: float
 
 
-UNKNOWN = AlignmentEffect(math.nan, math.nan, math.nan)
+UNKNOWN: AlignmentEffect = AlignmentEffect(math.nan, math.nan, math.nan)
 
 
 def effect_of_alignment(preparation: Preparation) -> AlignmentEffect:

@@ -1,7 +1,5 @@
 """Test the joint fit of both pathways against plain code and on known joints."""
 
-from functools import partial
-
 import attrs
 import numpy as np
 import pytest
@@ -26,7 +24,6 @@ from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
 
 RATE, TIMES, HISTORY, LAGS = 100.0, 60, 250, 4
-FREE = [0, 1, 2, 3]  # all numbers of the shape
 NOISE = np.array([1.0, 0.5, 0.2])  # autocorrelation
 KNOWN = np.array([np.log(14.0), np.log(0.7), 0.1, 0.043])
 CASES = {
@@ -46,34 +43,30 @@ def simulated(case, duration):
 def fit_of(random):
     """Function that fits a small problem whose velocity is known."""
     angle = np.cumsum(random.normal(size=(30, TIMES + HISTORY + LAGS)), axis=1) / 20
-    velocity = np.gradient(angle, axis=1) * 20
-    signals = intrinsic_signals(angle, LAGS, RATE)[..., HISTORY:-LAGS]
-    phase = np.arange(TIMES) / TIMES
-    bases = [FourierSeries(count)(phase) for count in (2, 1, *[0] * (len(signals) - 2))]
-    noise = 1e-5 * random.normal(size=signals.shape[1:])
+    velocity = np.gradient(angle, axis=1)[:, :-LAGS] * 20
+    signals = deviations(intrinsic_signals(angle, LAGS, RATE)[..., HISTORY:-LAGS])
+    bases = [FourierSeries(count)(np.arange(TIMES) / TIMES) for count in (2, 1, *[0] * 7)]
+    torque = deviations(30 * signals[0] + random.normal(size=signals.shape[1:]))
 
     def drive(threshold):
-        return deviations(np.maximum(velocity[:, :-LAGS] - threshold, 0.0))
+        return deviations(np.maximum(velocity - threshold, 0.0))
 
-    def fit(torque, shape=KNOWN, free=FREE, harmonics=1):
+    def fit(free, harmonics):
         data = Data(
-            deviations(torque), deviations(signals), np.concatenate(bases, axis=1),
-            [0, 5, *range(8, 8 + len(signals) - 2)], FourierSeries(harmonics),
+            torque, signals, np.concatenate(bases[: len(signals)], axis=1),
+            [0, 5, *range(8, 6 + len(signals))], FourierSeries(harmonics),
             TIMES / RATE, RATE, np.arange(30), slice(0, TIMES), NOISE,
         )  # fmt: skip
-        return Fit(Regression(data, drive, shape), free)
+        return Fit(Regression(data, drive, KNOWN), free)
 
-    columns = every_column(fit(noise))
-    truth = random.normal(size=len(columns)) / np.sqrt(np.mean(columns**2, axis=(1, 2)))
-    return partial(fit, np.tensordot(truth, columns, 1) + noise)
+    return fit
 
 
 def every_column(fit):
-    """All columns, (column, realization, time)."""
-    data = fit.data
-    bases = np.split(data.functions.T, data.starts[1:])
-    parts = [x * a[:, None] for x, a in zip(data.signals, bases, strict=True)]
-    return np.concatenate([*parts, fit.reflex_columns()])
+    """All columns, and the derivatives by the shape, (column, realization, time)."""
+    bases = np.split(fit.data.functions.T, fit.data.starts[1:])
+    parts = [x * a[:, None] for x, a in zip(fit.data.signals, bases, strict=True)]
+    return np.concatenate([*parts, fit.reflex_columns(), fit.slopes()])
 
 
 def matrix_of(correlation, times):
@@ -112,25 +105,39 @@ def test_the_muscle_is_one_of_second_order(damping, delay):
 
 
 @pytest.mark.parametrize("window", [256, 20])
-@pytest.mark.parametrize("harmonics", [12, 0])
-def test_moments_are_those_of_the_whitened_columns(fit_of, monkeypatch, window, harmonics):
+@pytest.mark.parametrize(("free", "harmonics"), [([0, 1, 2, 3], 12), ([0], 0)])
+def test_moments_and_covariance_are_those_of_the_samples(
+    fit_of, monkeypatch, window, free, harmonics
+):
     monkeypatch.setattr(fitted, "MAX_WINDOW", window)
-    fit = fit_of(harmonics=harmonics)
-    columns = np.concatenate([every_column(fit), fit.slopes()])
-    torque, weights = fit.data.torque, np.zeros((TIMES, TIMES))
-    for inside, _ in fit.data.windows:
-        weights[inside, inside] = np.linalg.inv(matrix_of(NOISE, inside.stop - inside.start))
-    scale = np.sqrt(np.mean(columns**2, axis=(1, 2)))
-    white, moments = columns @ weights, fit.moments_with_slopes()
-    expected = np.tensordot(white, columns, ((1, 2), (1, 2))) / np.outer(scale, scale)
-    found = moments.gram / np.outer(scale, scale)
-    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
-    np.testing.assert_allclose(moments.cross, np.tensordot(white, torque, 2), rtol=1e-7)
-    assert moments.square == pytest.approx(np.sum(torque @ weights * torque))
-    coefficients = np.arange(len(columns) - len(FREE)) / 10
-    expected = np.tensordot(coefficients, columns[: -len(FREE)], 1)
+    fit = fit_of(free, harmonics)
+    columns, torque = every_column(fit), fit.data.torque
+    coefficients = np.arange(len(columns) - len(free)) / 10
+    expected = np.tensordot(coefficients, columns[: -len(free)], 1)
     found = np.sum(fit.regression.torques(coefficients), axis=0)
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+    weights, left, noise = np.zeros((TIMES, TIMES)), fit.residual, np.zeros((TIMES, TIMES))
+    correlation = autocorrelation(left, 0.0) * np.sum(left**2) / fit.freedom
+    for inside, _ in fit.data.windows:
+        size = inside.stop - inside.start
+        weights[inside, inside] = np.linalg.inv(matrix_of(NOISE, size))
+        noise[inside, inside] = matrix_of(correlation, size)
+    white, moments = columns @ weights, fit.moments_with_slopes()
+    gram = np.tensordot(white, columns, ((1, 2), (1, 2)))
+    scale = np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
+    np.testing.assert_allclose(moments.gram / scale, gram / scale, atol=1e-8)
+    cross = np.tensordot(white, torque, 2)
+    np.testing.assert_allclose(moments.cross, cross, atol=1e-7 * np.abs(cross).max())
+    assert moments.square == pytest.approx(np.sum(torque @ weights * torque))
+
+    variance, spread = fit.posterior.noise_variance, np.array([0.6, 0.5, 0.3, 0.01])[free]
+    weight = variance * np.diag([*fit.posterior.precision, *spread**-2])
+    coloured = np.tensordot(white @ noise, white, ((1, 2), (1, 2)))
+    inverse = np.linalg.inv(gram + weight)
+    expected = inverse @ (coloured + variance * weight) @ inverse
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(fit.covariance / scale, expected / scale, atol=1e-6)
 
 
 def test_evidence_is_that_of_the_samples_and_limits_are_kept(random):
@@ -163,25 +170,6 @@ def test_a_gain_that_comes_and_goes_is_never_negative_nor_is_its_band():
     assert gain.values.min() == lower.min() == 0
     assert (gain.values <= upper).all()
     assert abs(gain.values.mean() - 4.0) < 0.5
-
-
-def test_covariance_is_the_sandwich_of_the_samples(fit_of):
-    fit = fit_of(free=[0])
-    left = fit.residual
-    columns = np.concatenate([every_column(fit), fit.slopes()]).reshape(-1, left.size)
-    noise, weights = (
-        np.kron(np.eye(len(left)), matrix_of(each, left.shape[1]))
-        for each in (autocorrelation(left, 0.0) * np.sum(left**2) / fit.freedom, NOISE)
-    )
-    white = columns @ np.linalg.inv(weights)
-    variance = fit.posterior.noise_variance
-    weight = variance * np.diag([*fit.posterior.precision, 1 / 0.6**2])
-    inverse = np.linalg.inv(white @ columns.T + weight)
-    expected = inverse @ (white @ noise @ white.T + variance * weight) @ inverse
-    size = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        fit.covariance / np.outer(size, size), expected / np.outer(size, size), atol=1e-6
-    )
 
 
 @pytest.mark.parametrize("wave", ["constant", "ramp"])

@@ -3,8 +3,6 @@
 The data are simulated reflexes and real ankles.
 """
 
-import warnings
-
 import attrs
 import numpy as np
 import pytest
@@ -13,12 +11,7 @@ from tests.reflexive import ankle, centred, reflexive
 
 import tvsysid as tv
 
-
-@pytest.fixture(autouse=True)
-def _warnings_are_not_the_point():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DataQualityWarning)
-        yield
+pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 
 
 def changing(duration, **settings):
@@ -62,8 +55,6 @@ def test_emg_drives_the_reflex():
     model = tv.BasisCascade(emg="emg", memory=0.3).identify(ensemble)
     assert model.estimates["reflex_gain"].unit == "N m/V"
     assert model.reflex_lags[0] == 0
-    with pytest.raises(tv.InputError, match="'muscle'"):
-        tv.BasisCascade(emg="muscle").identify(ensemble)
 
 
 @pytest.mark.slow
@@ -73,13 +64,11 @@ def test_slow_voluntary_torque_is_taken_out():
     drift = np.random.default_rng(1).normal(size=(len(ensemble), 4)) @ np.vander(time, 4).T
     drift *= 2 * ensemble.torque.std() / drift.std()
     drifting = attrs.evolve(ensemble, torque=ensemble.torque + drift)
-    model = tv.BasisCascade(slow_order=3, prior="none").identify(drifting)
-    error, mistaken = (
-        each.stiffness - truth["stiffness"]
-        for each in (model, tv.BasisCascade(prior="none").identify(drifting))
+    plain, model = (
+        tv.BasisCascade(slow_order=order, prior="none").identify(drifting) for order in (None, 3)
     )
-    assert np.square(mistaken).mean() > 50**2
-    assert np.square(error).mean() < 10**2
+    assert np.square(plain.stiffness - truth["stiffness"]).mean() > 50**2
+    assert np.square(model.stiffness - truth["stiffness"]).mean() < 10**2
     assert model.over_time("reflex_gain").mean() == pytest.approx(8, rel=0.2)
     details = model.diagnostics.details
     assert details["vaf"] < 30

@@ -1,7 +1,5 @@
 """The parallel cascade against its authors' code, on simulated reflexes and on real ankles."""
 
-import warnings
-
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -12,17 +10,7 @@ import tvsysid as tv
 from tvsysid.numerics.hammerstein import lagged_moments, parallel_cascade
 from tvsysid.numerics.stretch import recorded_velocity
 
-
-@pytest.fixture(autouse=True)
-def _warnings_are_not_the_point():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DataQualityWarning)
-        yield
-
-
-@pytest.fixture(scope="module")
-def tonic(recordings_folder):
-    return loadmat(recordings_folder / "tonic_ankle.mat")
+pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 
 
 def constant(snr_db=10, **settings):
@@ -34,12 +22,13 @@ def constant(snr_db=10, **settings):
 @pytest.mark.parametrize(
     "record", [ANKLES[0], *(pytest.param(each, marks=pytest.mark.slow) for each in ANKLES[1:])]
 )
-def test_stiffness_and_vaf_are_those_of_the_authors_code(tonic, parallel_reference, record):
+def test_stiffness_and_vaf_are_those_of_the_authors_code(
+    recordings_folder, parallel_reference, record
+):
     # As their toolbox prepares the data: the velocity of the recorded angle, decimated by a
     # Chebyshev filter.
-    angle, torque = (
-        tonic[f"{record}_{name}"].ravel().astype(float) for name in ("angle", "torque")
-    )
+    tonic = loadmat(recordings_folder / "tonic_ankle.mat")
+    angle, torque = (tonic[f"{record}_{name}"].ravel() * 1.0 for name in ("angle", "torque"))
     lowpass = cheby1(8, 0.05, 0.08, output="sos")
     signals = (angle, recorded_velocity(angle[None, :, None], 1000.0)[0], torque)
     angle, velocity, torque = (sosfiltfilt(lowpass, each)[9::10] for each in signals)
@@ -48,9 +37,9 @@ def test_stiffness_and_vaf_are_those_of_the_authors_code(tonic, parallel_referen
     # Lags of ±40 ms, a reflex of 1 s.
     rows = [(np.stack([angle[4:], drive[:-4]])[:, None], torque[None, 99:-4])]
     found = parallel_cascade(lagged_moments(rows), 4)
-    expected = {name: parallel_reference[f"{record}__pc_rect_{name}"] for name in ("K", "vaf")}
-    assert found.details.first.weights.sum() == pytest.approx(expected["K"], rel=0.02)
-    assert 100 * found.explained == pytest.approx(expected["vaf"][0], abs=1.5)
+    stiffness, vaf = (parallel_reference[f"{record}__pc_rect_{name}"] for name in ("K", "vaf"))
+    assert found.details.first.weights.sum() == pytest.approx(stiffness, rel=0.02)
+    assert 100 * found.explained == pytest.approx(vaf[0], abs=1.5)
 
 
 @pytest.mark.parametrize(

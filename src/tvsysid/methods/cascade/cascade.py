@@ -84,7 +84,7 @@ class JointCascade(base.Method):
     as it arrives at the muscle. Viscosity and inertia are those of a second-order fit to the
     intrinsic response from 0.5 to 15 Hz.
 
-    A test on held-out realizations (:func:`tvsysid.methods.cascade.reflex_test.reflex_test`)
+    A test on held-out realizations (:func:`tvsysid.methods.cascade.reflex_test.reflex_test_of`)
     decides whether there is a reflex, and in which direction of stretch s. With fewer than eight
     realizations the evidence decides. Where no reflex is shown, the model has none, and the band
     of ``reflex_gain`` says how large a gain the data allow.

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from collections.abc import Sequence
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
-import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ TRIANGLES = 8  # that make up the reflex's response
 USUAL_MUSCLE = (16.0, 0.8)  # frequency in rad/s and damping of the muscle that is tested for
 MIN_SAMPLES = 20  # of a realization at which all lags must be known
 SLOW_TERMS = 4  # powers of time that are left out where they are most of the torque
+POSITIVE, NEGATIVE, LINEAR = range(3)  # late regressors: a usual muscle's response to a velocity
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
 _TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 
@@ -57,103 +57,76 @@ class ReflexTest(NamedTuple):
         return max(self.over_none, self.over_linear) < MAX_P_VALUE
 
 
-@attrs.frozen(eq=False)
-class _Regression:
+class _Regression(NamedTuple):
     """Regressors and torque, which is last: ``rows`` (realization, time, regressor).
 
     The first regressors are the joint's: lagged angles, then angle and velocity times harmonics of
     the realization, whose numbers are ``harmonics``. ``mean`` gives the mean stiffness of their
-    weights. Then come late responses to positive and to negative velocity, as triangles that make
-    up any response.
+    weights. Then come the late responses of a usual muscle to positive, to negative and to any
+    velocity, and responses to either velocity as triangles that make up any response.
+    ``products`` (block, regressor, regressor) are those of neighbouring realizations.
     """
 
     rows: Array
+    products: Array
     harmonics: NDArray[np.int64]
     mean: Array
 
-    @cached_property
-    def blocks(self) -> list[Array]:
-        """Return the rows of each block of neighbouring realizations."""
-        count = len(self.rows)
-        return np.split(self.rows, [count * block // BLOCKS for block in range(1, BLOCKS)])
+    def weights(self, products: Array, late: Sequence[int], harmonics: int = HARMONICS) -> Array:
+        """Return least-squares weights of a joint with so many harmonics and of late regressors.
 
-    @cached_property
-    def products(self) -> Array:
-        """Return the products of regressors and torque in each block."""
-        flat = (block.reshape(-1, block.shape[2]) for block in self.blocks)
-        return np.stack([each.T @ each for each in flat])
+        The numbers of the late ones begin with 0. The weights of other regressors are 0.
+        """
+        own = np.flatnonzero(self.harmonics <= harmonics)
+        chosen = np.append(own, len(self.harmonics) + np.array(late, dtype=int))
+        gram, cross = products[np.ix_(chosen, chosen)], products[chosen, -1]
+        size = np.sqrt(np.where(gram.diagonal() > 0, gram.diagonal(), 1.0))
+        weights = np.zeros(len(products) - 1)
+        weights[chosen] = solve_regularized(gram / np.outer(size, size), cross / size) / size
+        return weights
 
-    def columns(self, *late: Array) -> Array:
-        """Return the columns of a model: the joint's regressors and sums of late ones."""
-        own = len(self.mean)
-        joint = np.eye(own + 2 * TRIANGLES, own)
-        return np.column_stack([joint, *(np.pad(each, (own, 0)) for each in late)])
-
-    def predicted(self, columns: Array) -> Array:
+    def predicted(self, late: Sequence[int], harmonics: int = HARMONICS) -> Array:
         """Return the torque in each block that a model fitted to the others predicts."""
         others = self.products.sum(axis=0) - self.products
-        fits = zip(self.blocks, others, strict=True)
-        return np.concatenate([block[..., :-1] @ _solve(each, columns) for block, each in fits])
+        fits = zip(_blocks(self.rows), others, strict=True)
+        return np.concatenate(
+            [block[..., :-1] @ self.weights(left, late, harmonics) for block, left in fits]
+        )
 
     def errors(self, predicted: Array) -> Array:
-        """Return the squared error of each realization, at least what rounding leaves."""
+        """Return the squared error of each realization, with that of rounding."""
         torque = self.rows[..., -1]
-        errors = np.sum((torque - predicted) ** 2, axis=1)
-        least = ROUNDING * np.sum(torque**2, axis=1)
-        return np.asarray(np.maximum(errors, least) + np.finfo(float).tiny)
+        return np.asarray(np.sum((torque - predicted) ** 2 + ROUNDING * torque**2, axis=1))
 
-    def scores(self, simple: Array, further: Array) -> Array:
-        """Return how much a further prediction adds to a simple one in each realization."""
+    def above(self, simple: Array, further: Array) -> tuple[float, float]:
+        """Compare what a further prediction adds to a simple one with 0. See ``_above_zero``."""
         torque = self.rows[..., -1]
         gain = np.sum((torque - simple) * (further - simple), axis=1)
         is_rounding = np.abs(gain) <= ROUNDING * np.sum(torque**2, axis=1)
-        return np.where(is_rounding, 0.0, gain / self.errors(simple))
+        return _above_zero(np.where(is_rounding, 0.0, gain / self.errors(simple)))
 
-    def stiffness(self, *late: Array) -> float:
+    def stiffness(self, late: Sequence[int]) -> float:
         """Return the mean stiffness of a fit to all realizations."""
-        weights = _solve(self.products.sum(axis=0), self.columns(*late))
+        weights = self.weights(self.products.sum(axis=0), late)
         return float(self.mean @ weights[: len(self.mean)])
-
-
-def _solve(products: Array, columns: Array) -> Array:
-    """Return weights of the regressors by least squares with some columns."""
-    gram, cross = columns.T @ products[:-1, :-1] @ columns, products[-1, :-1] @ columns
-    size = np.sqrt(np.where(gram.diagonal() > 0, gram.diagonal(), 1.0))
-    scaled = solve_regularized(gram / np.outer(size, size), cross / size)
-    return np.asarray(columns @ (scaled / size))
-
-
-def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
-    """Test an ensemble for a stretch reflex, once: several methods and checks ask.
-
-    See :func:`reflex_test`. The velocity is rectified at the rate at which the angle was recorded.
-    """
-    if ensemble not in _TESTED:
-        _TESTED[ensemble] = reflex_test(*_signals(ensemble))
-    return _TESTED[ensemble]
 
 
 def changes(ensemble: Ensemble) -> bool:
     """Return whether stiffness or viscosity change over a realization, beside any reflex.
 
-    The first harmonics of the realization are tested as :func:`reflex_test` tests a reflex.
+    The first harmonics of the realization are tested as :func:`reflex_test_of` tests a reflex.
     False where realizations are too short to tell.
     """
     try:
-        regression = _regression(*_signals(ensemble))
+        regression = _regression(ensemble)
     except InputError:
         return False
-    columns = regression.columns(*_usual_responses())
-    constant, changing = (
-        regression.predicted(np.delete(columns, np.flatnonzero(regression.harmonics > most), 1))
-        for most in (0, TESTED_HARMONICS)
-    )
-    return _above_zero(regression.scores(constant, changing))[0] < MAX_P_VALUE
+    either = (POSITIVE, NEGATIVE)
+    constant, changing = (regression.predicted(either, most) for most in (0, TESTED_HARMONICS))
+    return regression.above(constant, changing)[0] < MAX_P_VALUE
 
 
-def reflex_test(
-    angle: Array, torque: Array, stretches: Array, core: slice, rate: float
-) -> ReflexTest:
+def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     r"""Test for a stretch reflex by nested models, fitted to all but a block of realizations.
 
     The joint's response lasts 40 ms to either side, and its stiffness and viscosity vary over a
@@ -169,17 +142,8 @@ def reflex_test(
     coefficients cost, and has half the power. Where a cubic polynomial of time is most of the
     torque, as of slow voluntary torque, it is left out of each realization.
 
-    Parameters
-    ----------
-    angle, torque
-        In rad and N·m, shape (realization, time), in the order of recording.
-    stretches
-        Velocity in rad/s, rectified in one and in the other direction before decimation, shape
-        (2, realization, time).
-    core
-        Samples of a realization within its context.
-    rate
-        Sampling rate in Hz.
+    The velocity is rectified at the rate at which the angle was recorded. The result is kept:
+    several methods and checks ask.
 
     Raises
     ------
@@ -190,33 +154,26 @@ def reflex_test(
     ----------
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
-    regression = _regression(angle, torque, stretches, core, rate)
-    positive, negative = _usual_responses()
-    models = [(), (positive + negative,), (positive, negative), (positive,), (negative,)]
-    none, linear, both, *directed = (
-        regression.predicted(regression.columns(*late)) for late in models
-    )
-    larger, smaller = (np.log(regression.errors(each)) for each in directed[::-1])
-    index = 0 if np.sum(larger - smaller) >= 0 else 1
-    over_none, share_over_none = _above_zero(regression.scores(none, directed[index]))
-    over_linear, share_over_linear = _above_zero(regression.scores(linear, both))
-    free = np.split(np.eye(2 * TRIANGLES), 2)[index]
+    if ensemble not in _TESTED:
+        _TESTED[ensemble] = _test(_regression(ensemble))
+    return _TESTED[ensemble]
+
+
+def _test(regression: _Regression) -> ReflexTest:
+    models = (), (LINEAR,), (POSITIVE, NEGATIVE), (POSITIVE,), (NEGATIVE,)
+    none, linear, both, *directed = (regression.predicted(late) for late in models)
+    positive, negative = (np.log(regression.errors(each)) for each in directed)
+    index = 0 if np.sum(negative - positive) >= 0 else 1
+    over_none, share_over_none = regression.above(none, directed[index])
+    over_linear, share_over_linear = regression.above(linear, both)
+    triangles = range(LINEAR + 1 + index * TRIANGLES, LINEAR + 1 + (index + 1) * TRIANGLES)
     return ReflexTest(
         direction=(1, -1)[index],
         over_none=min(1.0, 2 * over_none),  # each of two directions may add to none by chance
         over_linear=over_linear,
         share=min(share_over_none, share_over_linear),
-        stiffness=(regression.stiffness(), regression.stiffness(*free)),
+        stiffness=(regression.stiffness(()), regression.stiffness(triangles)),
     )
-
-
-def _usual_responses() -> tuple[Array, Array]:
-    """Return heights of the triangles of a usual muscle's responses to either velocity."""
-    frequency, damping = USUAL_MUSCLE
-    late = np.linspace(0, MAX_REFLEX_LAG_S - MIN_REFLEX_LAG_S, TRIANGLES)
-    turn = frequency * math.sqrt(1 - damping**2)
-    usual = np.exp(-damping * frequency * late) * np.sin(turn * late)
-    return np.pad(usual, (0, TRIANGLES)), np.pad(usual, (TRIANGLES, 0))
 
 
 def predicts_better(errors: Array, others: Array) -> float:
@@ -242,44 +199,48 @@ def _above_zero(scores: Array) -> tuple[float, float]:
     return float(stdtr(count - 1, -mean / error)), least
 
 
-def _signals(ensemble: Ensemble) -> tuple[Array, Array, Array, slice, float]:
-    """Return the arguments of ``reflex_test``."""
-    order = np.concatenate(ensemble.runs)
-    stretches = rectified_velocities(ensemble)[:, order]
-    signals = ensemble.angle[order], ensemble.torque[order], stretches
-    return *signals, ensemble.core, ensemble.sampling_rate
-
-
-def _regression(
-    angle: Array, torque: Array, stretches: Array, core: slice, rate: float
-) -> _Regression:
+def _regression(ensemble: Ensemble) -> _Regression:
+    rate, core, order = ensemble.sampling_rate, ensemble.core, np.concatenate(ensemble.runs)
     seconds = RESPONSE_REACH_S, MIN_REFLEX_LAG_S, MAX_REFLEX_LAG_S
     reach, soonest, latest = (round(each * rate) for each in seconds)
-    start, stop = max(core.start, latest, reach), min(core.stop, angle.shape[1] - reach)
+    start, stop = max(core.start, latest), min(core.stop, ensemble.angle.shape[1] - reach)
     if stop - start < MIN_SAMPLES:
         raise InputError(
             f"reflex_test: the {MAX_REFLEX_LAG_S:g} s before are known at {max(stop - start, 0)} "
             f"samples of a realization, it takes {MIN_SAMPLES}; give longer realizations, or "
             f"{MAX_REFLEX_LAG_S:g} s of context"
         )
-    phase = (np.arange(start, stop) - core.start) / (core.stop - core.start)
-    turns = 2 * np.pi * phase[:, None] * np.arange(1, HARMONICS + 1)
-    waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+    phase = (np.arange(start, stop) - core.start) / ensemble.samples
+    waves = np.exp(2j * np.pi * phase[:, None] * np.arange(1, HARMONICS + 1))
+    waves = np.concatenate([waves.real, waves.imag], axis=1)
     lags = np.arange(latest, soonest - 1, -1)  # the first sample of a window is the earliest
     apart = np.abs(lags[:, None] - np.linspace(soonest, latest, TRIANGLES))
-    triangles = np.maximum(0.0, 1 - apart * (TRIANGLES - 1) / max(latest - soonest, 1))
+    triangles = np.maximum(0.0, 1 - apart * (TRIANGLES - 1) / (latest - soonest))
+    frequency, damping = USUAL_MUSCLE
+    late = np.linspace(0, MAX_REFLEX_LAG_S - MIN_REFLEX_LAG_S, TRIANGLES)
+    turn = frequency * math.sqrt(1 - damping**2)
+    usual = np.exp(-damping * frequency * late) * np.sin(turn * late)
 
-    signals = (each - each.mean(axis=-2, keepdims=True) for each in (angle, torque, stretches))
-    angle, torque, stretches = signals
+    signals = np.stack([ensemble.angle, ensemble.torque, *rectified_velocities(ensemble)])[:, order]
+    angle, torque, *stretches = signals - signals.mean(axis=1, keepdims=True)
     near = sliding_window_view(angle, 2 * reach + 1, axis=1)[:, start - reach : stop - reach]
-    motion = [each[:, start:stop, None] * waves for each in (angle, stretches.sum(axis=0))]
+    motion = [each[:, start:stop, None] * waves for each in (angle, sum(stretches))]
     past = sliding_window_view(stretches, len(lags), axis=2)[:, :, start - latest : stop - latest]
+    free = past @ triangles
+    muscle = np.moveaxis(free @ usual, 0, -1)
+    muscles = muscle, muscle.sum(axis=-1, keepdims=True)
     torque = torque[:, start:stop]
-    rows = np.concatenate([near, *motion, *(past @ triangles), torque[..., None]], axis=2)
+    rows = np.concatenate([near, *motion, *muscles, *free, torque[..., None]], axis=2)
     slow = np.linalg.qr(np.vander(phase, SLOW_TERMS))[0]
     if 2 * np.sum((torque @ slow) ** 2) >= np.sum(torque**2):
         rows -= slow @ (slow.T @ rows)
+    flat = (block.reshape(-1, block.shape[2]) for block in _blocks(rows))
     width = near.shape[2]
     mean = np.concatenate([np.ones(width), waves.mean(axis=0), np.zeros(waves.shape[1])])
     harmonics = np.pad(np.tile(np.arange(1, HARMONICS + 1), 4), (width, 0))
-    return _Regression(rows, harmonics, mean)
+    return _Regression(rows, np.stack([each.T @ each for each in flat]), harmonics, mean)
+
+
+def _blocks(rows: Array) -> list[Array]:
+    """Split realizations into blocks of neighbours."""
+    return np.split(rows, [len(rows) * block // BLOCKS for block in range(1, BLOCKS)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import attrs
 import numpy as np
@@ -87,8 +87,9 @@ def model(method: str, selection: Selection) -> JointCascadeModel:
     known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
     over_time = data.over_time(mean[: data.own])
-    fitted = float((over_time @ readout(lags, rate)[0]).mean())
-    details = {**_details(selection, used), "stiffness_fitted": fitted}
+    details = _details(selection, used)
+    details["stiffness_fitted"] = float((over_time @ readout(lags, rate)[0]).mean())
+    texts = _warnings(selection, details, float(over_time[data.times, 0].mean()))
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
@@ -101,11 +102,7 @@ def model(method: str, selection: Selection) -> JointCascadeModel:
         drive=search.drive(name, float(fit.shape[THRESHOLD])),
         fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters(name, data.varies, data.noise, fit.shape, fit.parameters),
-        diagnostics=Diagnostics(
-            used.posterior.effective,
-            warnings=tuple(_warnings(selection, float(over_time[data.times, 0].mean()), fitted)),
-            details=details,
-        ),
+        diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
     )
 
 
@@ -175,9 +172,9 @@ def _details(selection: Selection, used: Fit) -> dict[str, float]:
     return details | {f"evidence_{each}": float(evidence[each].objective) for each in evidence}
 
 
-def _warnings(selection: Selection, mean: float, fitted: float) -> Iterator[str]:
-    """Yield reasons to doubt the reflex, or a ``mean`` stiffness, by a second-order fit too."""
-    fit, number = selection.fit, len(selection.fit.posterior.mean)
+def _warnings(selection: Selection, details: Mapping[str, float], mean: float) -> Iterator[str]:
+    """Yield reasons to doubt the reflex, or a ``mean`` stiffness."""
+    fit, fitted = selection.fit, details["stiffness_fitted"]
     if not selection.shown:
         yield (
             "no reflex is shown by these data: stiffness, viscosity and inertia are those of a "
@@ -189,8 +186,7 @@ def _warnings(selection: Selection, mean: float, fitted: float) -> Iterator[str]
             f"the delay ran into its bound of {1e3 * fit.shape[DELAY]:.3g} ms: it is not "
             "identified; fix it (delay=0.04)"
         )
-    threshold, errors = fit.shape[THRESHOLD], np.sqrt(np.diag(fit.covariance)[number:])
-    error = float(errors[fit.free.index(THRESHOLD)]) if THRESHOLD in fit.free else 0.0
+    threshold, error = fit.shape[THRESHOLD], details.get("threshold_error", 0.0)
     if threshold == HIGHEST[THRESHOLD] or error > MAX_THRESHOLD_ERROR:
         yield (
             f"the threshold is hardly identified ({threshold:.2g} ± {error:.2g} rad/s), as where "

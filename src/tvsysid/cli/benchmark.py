@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import attrs
 
-from tvsysid.cli.console import errors, remark, say
+from tvsysid.cli.console import errors, say
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_study
-from tvsysid.cli.running import command_line, run_study
+from tvsysid.cli.running import command_line, run_study, show_plan
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from tvsysid.study import Study
 
 MAX_TABLES = 4  # scenarios whose table is printed; the report has all
 
@@ -122,8 +120,9 @@ def benchmark(
     out
         Folder for the results.
     """
+    from tvsysid.figures.words import described
     from tvsysid.studies import preset as study_called
-    from tvsysid.study import Study, cores
+    from tvsysid.study import Study
 
     options = given(**attrs.asdict(settings))
     if study_toml and preset:
@@ -133,29 +132,11 @@ def benchmark(
     else:
         study = study_called(preset or "quick", **options)
     if dry_run:
-        _show_plan(study, workers.workers or cores())
-        return 0
+        for scenario in study.scenarios:
+            say(described({**scenario._asdict(), "profile": scenario.stiffness}))
+        trials = f"{study.trials} trials of each of {len(study.scenarios)} scenarios"
+        return show_plan(study, workers, f"{trials}, seed {study.seed}")
     return write(run_study(study, out, workers), out, command_line())
-
-
-def _show_plan(study: Study, workers: int) -> None:
-    """Print the scenarios of a study, and how long it will take."""
-    from tvsysid.figures.words import count, described
-    from tvsysid.study import plan
-
-    with errors.status("timing a trial of each scenario"):
-        expected = plan(study)
-    for scenario in study.scenarios:
-        say(described({**scenario._asdict(), "profile": scenario.stiffness}))
-    say(
-        f"methods: {', '.join(study.named_methods)}\n{study.trials} trials of each of "
-        f"{len(study.scenarios)} scenarios, seed {study.seed}: {expected.identifications:,} "
-        f"identifications\nabout {expected.work_s / workers / 60:,.1f} min "
-        f"with {count(workers, 'worker')}, beside the start and the figures, and "
-        f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
-    )
-    for label, reason in expected.failures.items():
-        remark("error", f"{label} fails: {reason}")
 
 
 def write(results: xr.Dataset, out: Path, command: str) -> int:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import shown_progress
+from tvsysid.cli.console import errors, remark, say, shown_progress
 from tvsysid.cli.options import Workers
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from tvsysid.study import Experiment, Study
+    from tvsysid.study import Experiment, Prepared, Study
 
 
 def command_line() -> str:
@@ -36,6 +37,30 @@ def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: 
             inputs["executor"] = client.get_executor(pure=False)
             count = workers.workers or sum(client.nthreads().values())
             return run(study, out, workers=count, progress=advance, **inputs)
+
+
+def show_plan(
+    study: Study | Experiment, workers: Workers, draws: str, prepared: Sequence[Prepared] = ()
+) -> int:
+    """Print how long a study will take, from one draw of each case; return the exit code.
+
+    ``draws`` says what is drawn, ``prepared`` are the recordings of an experiment.
+    """
+    from tvsysid.figures.words import count
+    from tvsysid.study import cores, plan
+
+    with errors.status("timing a draw of each case"):
+        expected = plan(study, prepared)
+    number = workers.workers or cores()
+    say(
+        f"methods: {', '.join(study.named_methods)}\n{draws}: {expected.identifications:,} "
+        f"identifications\nabout {expected.work_s / number / 60:,.1f} min with "
+        f"{count(number, 'worker')}, beside the start and the figures, and "
+        f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
+    )
+    for label, reason in expected.failures.items():
+        remark("error", f"{label} fails: {reason}")
+    return 0
 
 
 def _dask_client(scheduler: str) -> Any:

@@ -32,7 +32,7 @@ def run(
     study: Study | Experiment,
     folder: str | Path | None = None,
     *,
-    prepared: Sequence[Prepared] | None = None,
+    prepared: Sequence[Prepared] = (),
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Progress = no_progress,
@@ -51,7 +51,7 @@ def run(
         keeps the results in memory.
     prepared
         The recordings of an experiment as :func:`tvsysid.study.prepared_recordings` returns them;
-        None prepares them first.
+        none prepares them first.
     workers
         Processes; None takes as many as there are cores, 1 works in this one. Each uses one thread.
         The results do not depend on it.
@@ -116,12 +116,12 @@ def run(
 
 
 def _work(
-    study: Study | Experiment, prepared: Sequence[Prepared] | None
+    study: Study | Experiment, prepared: Sequence[Prepared]
 ) -> tuple[list[Task], list[Scores], Callable[[list[Scores]], xr.Dataset]]:
     """Return tasks, scores of what cannot be done, and the function that makes the results."""
     if isinstance(study, Study):
         return trials.tasks_of(study), [], partial(trials.results_of, study)
-    prepared = prepared_recordings(study) if prepared is None else prepared
+    prepared = prepared or prepared_recordings(study)
     return *bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
 
 
@@ -163,7 +163,7 @@ class Plan:
     failures: dict[str, str]
 
 
-def plan(study: Study | Experiment, prepared: Sequence[Prepared] | None = None) -> Plan:
+def plan(study: Study | Experiment, prepared: Sequence[Prepared] = ()) -> Plan:
     """Estimate the time of a study from one draw of each case and its methods."""
     tasks, _, _ = _work(study, prepared)
     alike: dict[tuple[str, ...], list[Task]] = {}

@@ -199,10 +199,13 @@ def merge(
     }
 
 
-def _labels_of(part: Scores) -> dict[str, list[Any]]:
+def _labels_of(part: Scores) -> dict[str, Any]:
     """Return the labels of each dimension."""
-    return {
-        dim: part[dim][1].tolist() if dim in part else list(range(size))
+    sizes = {
+        dim: size
         for dims, values in part.values()
         for dim, size in zip(dims, values.shape, strict=True)
+    }
+    return {
+        dim: part[dim][1].tolist() if dim in part else range(size) for dim, size in sizes.items()
     }

@@ -141,19 +141,6 @@ def test_what_is_wrong_is_told_by_key(settings, message):
         Experiment(**settings)
 
 
-def test_a_wrong_file_is_named(tmp_path):
-    with pytest.raises(
-        tv.InputError, match=r"none.toml: No such file or directory; give a TOML file"
-    ):
-        Experiment.from_toml(tmp_path / "none.toml")
-    (tmp_path / "bad.toml").write_text("bootstraps =")
-    with pytest.raises(tv.InputError, match=r"bad.toml: Invalid value"):
-        Experiment.from_toml(tmp_path / "bad.toml")
-    (tmp_path / "wrong.toml").write_text("bootstraps = 'many'")
-    with pytest.raises(tv.InputError, match=r"wrong.toml: .*bootstraps must be .* got 'many'"):
-        Experiment.from_toml(tmp_path / "wrong.toml")
-
-
 def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():
     one, two = (
         Experiment(methods="sds"),

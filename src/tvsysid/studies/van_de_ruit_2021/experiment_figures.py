@@ -54,78 +54,60 @@ def experiment_figures(
         f"a line or a column for each method, from the least data ({amounts}), beside the truth "
         "and the torque to be followed where they are known. The table of metrics has the numbers."
     )
-    rows: list[tuple[str, Callable[..., Any], tuple[Any, ...], str, str]] = [
-        (
-            "participants",
-            stiffness_of_participants,
-            (own,),
-            "Stiffness of all participants",
-            f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps: "
-            f"a row for each participant, a column for each perturbation, {drawn}",
-        ),
-        (
-            "participant",
-            participant_in_detail,
-            (own, one),
-            DETAIL.format(one),
-            f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {one}, whose "
-            "VAF is in the middle of all: mean and two standard deviations over bootstraps, "
-            f"{drawn}",
-        ),
-        (
-            "variance-and-spread",
-            variance_and_spread,
-            (summary,),
-            "VAF and random error of all methods",
-            f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole "
-            "torque, of that between 1 and 10 Hz, and of the random error, with two standard "
-            "deviations over participants; dots: single participants. VAF is that of the "
-            "realizations that the model was identified from.",
-        ),
-    ]
+    shown: dict[str, Illustration] = {}
+    title = "Stiffness of all participants"
+    shown["participants"] = Illustration(
+        partial(stiffness_of_participants, own, title),
+        title,
+        f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps: "
+        f"a row for each participant, a column for each perturbation, {drawn}",
+    )
+    shown["participant"] = Illustration(
+        partial(participant_in_detail, own, one, DETAIL.format(one)),
+        DETAIL.format(one),
+        f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {one}, whose VAF "
+        f"is in the middle of all: mean and two standard deviations over bootstraps, {drawn}",
+    )
+    title = "VAF and random error of all methods"
+    shown["variance-and-spread"] = Illustration(
+        partial(variance_and_spread, summary, title),
+        title,
+        f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole torque, "
+        "of that between 1 and 10 Hz, and of the random error, with two standard deviations over "
+        "participants; dots: single participants. VAF is that of the realizations that the model "
+        "was identified from.",
+    )
     if is_known(own):
-        rows.append(
-            (
-                "error-against-truth",
-                error_against_truth,
-                (own, summary),
-                "Error against the truth",
-                "How far the mean estimate over bootstraps is from the true stiffness of virtual "
-                "participants: above over time, a thin line for each participant and a thick one "
-                "for their mean; below as bars with two standard deviations over participants.",
-            )
+        title = "Error against the truth"
+        shown["error-against-truth"] = Illustration(
+            partial(error_against_truth, own, summary, title),
+            title,
+            "How far the mean estimate over bootstraps is from the true stiffness of virtual "
+            "participants: above over time, a thin line for each participant and a thick one for "
+            "their mean; below as bars with two standard deviations over participants.",
         )
     if excerpts:
         names = own.perturbation.to_series().map(perturbation_name)
         pieces = {names[label]: each for label, each in excerpts.items()}
         first = next(iter(pieces.values()))
-        rows.append(
-            (
-                "recorded-signals",
-                recorded_signals,
-                (pieces,),
-                f"{first.duration:.3g} s of what was recorded from {one}",
-                f"Like figure 6 of {PAPER}: angle and torque at {first.sampling_rate:g} Hz, and the "
-                "torque to be followed if there is one, a row for each perturbation.",
-            )
+        title = f"{first.duration:.3g} s of what was recorded from {one}"
+        shown["recorded-signals"] = Illustration(
+            partial(recorded_signals, pieces, title),
+            title,
+            f"Like figure 6 of {PAPER}: angle and torque at {first.sampling_rate:g} Hz, and the "
+            "torque to be followed if there is one, a row for each perturbation.",
         )
     for label, preparation in list(preparations.items())[:1]:
-        rows.append(
-            (
-                "preparation",
-                preparation_steps,
-                (preparation,),
-                f"Preparation of {label}",
-                f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} "
-                f"realizations as it was recorded, and that of the {len(preparation.ensemble)} "
-                "that were kept, aligned if there is a target, with their mean subtracted. Below, "
-                "the signal that each step compares, with its mean and limits.",
-            )
+        title = f"Preparation of {label}"
+        shown["preparation"] = Illustration(
+            partial(preparation_steps, preparation, title),
+            title,
+            f"Like figure 7 of {PAPER}. Above: the torque of all {len(preparation.recorded)} "
+            f"realizations as it was recorded, and that of the {len(preparation.ensemble)} that "
+            "were kept, aligned if there is a target, with their mean subtracted. Below, the "
+            "signal that each step compares, with its mean and limits.",
         )
-    return {
-        stem: Illustration(partial(draw, *given, title), title, text)
-        for stem, draw, given, title, text in rows
-    }
+    return shown
 
 
 def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:

@@ -52,10 +52,10 @@ def test_a_draw_that_fails_is_left_out_with_a_warning():
         found = bootstrap(Fragile(), ensemble_of(), 200, seed=1)
     assert caught[0].filename == __file__
     draws = found.draws["stiffness"]
-    lost = np.isnan(draws).all(axis=1)
-    assert 0 < found.failed == lost.sum()
     sound = bootstrap(Mean(), ensemble_of(), 200, seed=1).draws["stiffness"]  # the same draws
-    np.testing.assert_array_equal(draws[~lost], sound[~lost])
+    kept = [each for each in sound if (each == draws).all(axis=1).any()]
+    assert 0 < len(kept) < 200
+    np.testing.assert_array_equal(draws, kept)
     for lower, upper in (found.band(), found.band(simultaneous=True)):
         assert (lower < upper).all()
 

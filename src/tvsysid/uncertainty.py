@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping
 
@@ -37,22 +36,15 @@ class Bootstrap:
         Estimates of each draw by quantity, shape (draw, time) or (draw, value of a measured
         variable). NaN where not identified. Means over realizations where the method has an
         estimate for each of them. A quantity is left out if its variable has other values in some
-        draw.
-    failed
-        Number of draws that failed. Their ``draws`` are NaN.
-    count
-        Number of draws, failed ones included.
+        draw. A draw is left out if the method could not identify it.
     """
 
     model: Model
     realizations: int
     draws: Mapping[str, Array]
-    failed: int
-    count: int
 
     def __repr__(self) -> str:
-        failed = f" ({self.failed} failed)" if self.failed else ""
-        return f"Bootstrap({self.count} draws{failed} of {self.model.method})"
+        return f"Bootstrap({', '.join(self.draws)} of {self.model.method})"
 
     def band(
         self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False
@@ -86,18 +78,15 @@ class Bootstrap:
             raise InputError(
                 f"band: there is no {quantity!r}; the quantities are {', '.join(self.draws)}"
             )
-        draws, freedom = self.draws[quantity], self.realizations - 1.0
+        draws, freedom = self.draws[quantity], np.array(self.realizations - 1.0)
         mean, deviation = mean_and_spread(draws)
         # The variance of a draw is that of R realizations over R, not over R - 1.
-        width = deviation * math.sqrt(self.realizations / freedom)
-        width *= critical_value(level, np.array(freedom))
+        width = deviation * np.sqrt(self.realizations / freedom) * critical_value(level, freedom)
         if simultaneous:
             with np.errstate(divide="ignore", invalid="ignore"):
                 distances = np.nan_to_num(np.abs(draws - mean) / deviation, posinf=0.0)
-            largest = distances.reshape(self.count, -1).max(axis=1)
-            if largest.any():
-                quantile = float(np.quantile(largest[largest > 0], level))
-                width *= max(1.0, quantile / float(critical_value(level, np.array(np.inf))))
+            quantile = np.quantile(distances.reshape(len(draws), -1).max(axis=1), level)
+            width *= np.maximum(1.0, quantile / critical_value(level, np.array(np.inf)))
         estimate = _values(self.model, self.model)[quantity]
         return estimate - width, estimate + width
 
@@ -168,21 +157,15 @@ def bootstrap(
     at_least(MIN_DRAWS).check("bootstrap", "count", count)
     if len(ensemble) < MIN_DRAWS:
         raise InputError("bootstrap: expected at least 2 realizations to draw from, got 1")
-    model, reasons = method.identify(ensemble), []
-    draws = {
-        name: np.full((count, *values.shape), np.nan)
-        for name, values in _values(model, model).items()
-    }
+    model = method.identify(ensemble)
     weights = bootstrap_weights(len(ensemble), len(ensemble), count, seed)
+    found, reasons = [], []
     for number, times in enumerate(weights):
         drawn = ensemble.select(np.repeat(np.arange(len(ensemble)), times))
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
-                estimates = _values(method.identify(drawn), model)
-            draws = {name: values for name, values in draws.items() if name in estimates}
-            for name, values in draws.items():
-                values[number] = estimates[name]
+                found.append(_values(method.identify(drawn), model))
         except Exception as error:  # a method may fail on few draws that are ill-conditioned
             reasons.append(describe_error(error))
         progress(number + 1, count)
@@ -191,20 +174,22 @@ def bootstrap(
             f"bootstrap: {method!r} could not identify {len(reasons)} of {count} draws (the first: "
             f"{reasons[0]})"
         )
-        if count - len(reasons) < MIN_DRAWS:
-            raise InputError(f"{failed}; at least {MIN_DRAWS} are needed")
+        if len(found) < MIN_DRAWS:
+            raise InputError(failed)
         warnings.warn(f"{failed}; they are left out", DataQualityWarning, stacklevel=2)
-    return Bootstrap(model, len(ensemble), draws, len(reasons), count)
+    names = [name for name in found[0] if all(name in each for each in found)]
+    draws = {name: np.array([each[name] for each in found]) for name in names}
+    return Bootstrap(model, len(ensemble), draws)
 
 
 def _values(model: Model, whole: Model) -> dict[str, Array]:
     """Return estimates over time, and those over variables with the same values in ``whole``."""
 
     def is_same(axis: str) -> bool:
-        return np.array_equal(model.coordinates.get(axis, ()), whole.coordinates.get(axis, np.nan))
+        return np.array_equal(model.coordinates.get(axis, ()), whole.coordinates.get(axis, ()))
 
     return {
         name: model.over_time(name) if estimate.axes[-1] == "time" else model.estimates[name].values
         for name, estimate in whole.estimates.items()
-        if estimate.axes[-1] == "time" or all(map(is_same, estimate.axes))
+        if all(map(is_same, estimate.axes))
     }

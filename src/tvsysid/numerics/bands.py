@@ -6,6 +6,7 @@ A level is a probability between 0 and 1; any other raises :class:`InputError`.
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
@@ -62,22 +63,14 @@ def _tube(level: float, freedom: Array, arc: float) -> Array:
     low, high = np.zeros_like(freedom), np.full_like(freedom, 1e3)
     for _ in range(60):
         middle = (low + high) / 2
-        outside = 2 * stdtr(freedom, -middle) + arc / np.pi * np.exp(
-            -freedom / 2 * np.log1p(middle**2 / freedom)
-        )
-        low, high = (
-            np.where(outside > 1 - level, middle, low),
-            np.where(outside > 1 - level, high, middle),
-        )
+        tube = np.exp(-freedom / 2 * np.log1p(middle**2 / freedom))
+        outside = 2 * stdtr(freedom, -middle) + arc / np.pi * tube > 1 - level
+        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
     return high
 
 
 def _check(level: float) -> None:
-    if (
-        isinstance(level, bool)
-        or not isinstance(level, (int, float, np.number))
-        or not 0 < level < 1
-    ):
+    if isinstance(level, str | bool) or not 0 < level < 1:
         raise InputError(
             f"level: expected a probability between 0 and 1, such as 0.95, got {level!r}"
         )
@@ -99,12 +92,6 @@ def mean_and_spread(values: Array) -> tuple[Array, Array]:
 
     NaN of nothing, and the latter of one value.
     """
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.sum(values, axis=0, where=known) / count
-        spread = np.sqrt(
-            np.sum(np.square(values - mean), axis=0, where=known)
-            / np.where(count > 1, count - 1, np.nan)
-        )
-    return mean, spread
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmean(values, axis=0), np.nanstd(values, axis=0, ddof=1)

@@ -216,18 +216,16 @@ def ridge(moments: Moments) -> Regression:
     """
     gram, cross, square, number = moments
     values, vectors = np.linalg.eigh(gram)
-    values = np.maximum(values, 0.0)
-    projections = vectors.T @ cross
-    floor = max(SMALLEST_RESIDUAL * square, TINY)
-    rounding = len(values) * np.finfo(float).eps * values[-1]
-    start = np.where(values > rounding, projections / np.maximum(values, TINY), 0.0)
-    alpha = len(values) / max(float(start @ start), TINY)
+    values, projections = np.maximum(values, 0.0), vectors.T @ cross
+    floor, rounding = SMALLEST_RESIDUAL * square, len(values) * np.finfo(float).eps * values[-1]
+    start = np.divide(projections, values, out=np.zeros(len(values)), where=values > rounding)
+    alpha = len(values) / float(start @ start)
     beta = number / max(square - float(start @ projections), floor)
     evidence = -math.inf
     for iteration in range(1, 501):
         precision = alpha + beta * values
         mean = beta * projections / precision
-        norm = max(float(mean @ mean), TINY)
+        norm = float(mean @ mean)
         gamma = float(np.sum(beta * values / precision))
         residual = max(square - 2 * float(mean @ projections) + float(values @ mean**2), floor)
         before = evidence
@@ -268,20 +266,17 @@ def relevance(moments: Moments) -> Regression:
         found = solve(moments.take(active), precision, noise)
         before, evidence = evidence, found.log_evidence
         determined = np.clip(found.determined, 1e-12, 1.0)
-        freedom = max(number - float(determined.sum()), 1.0)
-        noise = max(found.residual, SMALLEST_RESIDUAL * square) / freedom
-        if converged := abs(evidence - before) <= TOLERANCE * number:
-            break
+        effective = float(determined.sum())
+        noise = max(found.residual, SMALLEST_RESIDUAL * square) / max(number - effective, 1.0)
         precision = determined / np.maximum(found.mean**2, TINY)
         # A prior this much narrower than the noise of the weight fixes the weight at zero.
         kept = precision < 1e4 * powers[active] / noise
-        if not kept.any():
-            none = np.zeros(len(powers)), np.zeros_like(moments.gram)
-            return Regression(*none, square / number, 0.0, evidence, iteration, True)
+        converged = abs(evidence - before) <= TOLERANCE * number
+        if converged or not kept.any():
+            break
         active, precision = active[kept], precision[kept]
     mean, covariance = np.zeros(len(powers)), np.zeros_like(moments.gram)
     mean[active], covariance[np.ix_(active, active)] = found.mean, found.covariance
-    effective = float(determined.sum())
     return Regression(mean, covariance, noise, effective, evidence, iteration, converged)
 
 

@@ -17,17 +17,7 @@ from tvsysid.numerics import Array
 
 # samples a block: larger ones waste products far from the diagonal, smaller ones waste calls
 BLOCK = 32
-
-
 CHUNK = 2**22  # values of correlation matrices held at once (32 MiB)
-CACHED = 2**16  # values of rows held at once: they stay in the processor's cache
-
-
-def row_blocks(rows: int, values: int) -> Iterator[slice]:
-    """Consecutive slices of rows of so many values each, few enough to be held at once."""
-    length = max(1, CACHED // values)
-    for start in range(0, rows, length):
-        yield slice(start, min(start + length, rows))
 
 
 def time_chunks(times: int, unknowns: int) -> Iterator[slice]:
@@ -129,14 +119,10 @@ def expanded(moments: Array, functions: Array) -> Array:
     gram = np.zeros((unknowns**2, count**2))
     for chunk in time_chunks(len(functions), unknowns):
         at = functions[chunk]
-        gram += moments[chunk].reshape(len(at), -1).T @ (at[:, :, None] * at[:, None, :]).reshape(
-            len(at), -1
-        )
-    return (
-        gram.reshape(unknowns, unknowns, count, count)
-        .transpose(0, 2, 1, 3)
-        .reshape(unknowns * count, -1)
-    )
+        both = (at[:, :, None] * at[:, None, :]).reshape(len(at), -1)
+        gram += moments[chunk].reshape(len(at), -1).T @ both
+    parts = gram.reshape(unknowns, unknowns, count, count)
+    return parts.transpose(0, 2, 1, 3).reshape(unknowns * count, -1)
 
 
 def sliding_sum(x: Array, before: int, after: int) -> Array:
@@ -146,19 +132,16 @@ def sliding_sum(x: Array, before: int, after: int) -> Array:
     The cost grows with the logarithm of the window, and nothing is subtracted (which would lose
     digits).
     """
-    length, total, span = before + after + 1, None, 1
-    padded = np.zeros((len(x) + length - 1, *x.shape[1:]))
-    padded[before : before + len(x)] = x
-    power, offset = padded, 0  # power[i] is the sum of `span` samples from i on
-    while True:
+    length = before + after + 1
+    power = np.zeros((len(x) + length - 1, *x.shape[1:]))
+    power[before : before + len(x)] = x
+    total, offset, span = np.zeros(x.shape), 0, 1
+    while span <= length:  # power[i] is the sum of `span` samples from i on
         if length & span:
-            part = power[offset : offset + len(x)]
-            total = part.copy() if total is None else total + part
+            total += power[offset : offset + len(x)]
             offset += span
-        if 2 * span > length:
-            return total  # type: ignore[return-value]  # length >= 1, so some bit was set
-        power = power[:-span] + power[span:]
-        span *= 2
+        power, span = power[:-span] + power[span:], 2 * span
+    return total
 
 
 def convolve_lags(u: Array, response: Array) -> Array:

@@ -9,13 +9,20 @@ import numpy as np
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods import base, shared
-from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, smoothness_of, switches_of
-from tvsysid.methods.adaptive.posterior import Hypothesis, Posterior, average, average_beside
+from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
+from tvsysid.methods.adaptive.posterior import Hypothesis, Posterior, average
 from tvsysid.methods.adaptive.regression import A, FreeEstimates, V, pooling_reach
 from tvsysid.methods.adaptive.search import Candidate
-from tvsysid.methods.adaptive.signals import MIN_REALIZATIONS, MIN_SAMPLES, Signals
+from tvsysid.methods.adaptive.signals import (
+    MIN_REALIZATIONS,
+    MIN_SAMPLES,
+    Signals,
+    select_reflex,
+)
+from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.result import contradicted
+from tvsysid.methods.cascade.search import Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.signals import Array, Ensemble
 
@@ -92,8 +99,9 @@ class AdaptiveRegression(base.Method):
     It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
     than four realizations.
 
-    The diagnostics' ``details`` hold the probabilities that stiffness and viscosity are constant,
-    and whether the realization was taken as ``periodic`` and a reflex is shown, 1 or 0.
+    The diagnostics' ``details`` hold the probabilities that stiffness and viscosity are constant or
+    have a smooth part, and whether the realization was taken as ``periodic`` and a reflex is shown,
+    1 or 0.
 
     References
     ----------
@@ -138,22 +146,17 @@ class AdaptiveRegression(base.Method):
                 f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr does "
                 "with one"
             )
-        if known < MIN_SAMPLES:
+        if not MIN_SAMPLES <= known <= MAX_SAMPLES:
             return (
-                f"it needs realizations of at least {MIN_SAMPLES} samples with derivatives, got "
-                f"{max(known, 0)} of {ensemble.samples} with {ensemble.context} of context; give "
-                "longer ones, cut with more context"
-            )
-        if ensemble.samples > MAX_SAMPLES:
-            return (
-                f"it needs realizations of at most {MAX_SAMPLES} samples, got {ensemble.samples}; "
-                "decimate them"
+                f"it needs realizations of {MIN_SAMPLES} to {MAX_SAMPLES} samples with derivatives,"
+                f" got {max(known, 0)} of {ensemble.samples} with {ensemble.context} of context; "
+                "give longer ones, cut with more context, or decimate them"
             )
         return None
 
     def fit(self, ensemble: Ensemble) -> AdaptiveModel:
         """Return the model of an ensemble."""
-        return self._identified(FreeEstimates(ensemble, Signals.of(ensemble, self.emg)), {})
+        return self._identified(ensemble, select_reflex(ensemble, JointCascade(emg=self.emg)), {})
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit with the hypotheses of a model: its reflex, smooth parts and numbers of switches.
@@ -162,34 +165,35 @@ class AdaptiveRegression(base.Method):
         """
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
-        if model.reflex is None:
-            signals = Signals.of_second_order(ensemble)
-        else:
-            signals = Signals.of(ensemble, self.emg, model.reflex)
-        free, known = FreeEstimates(ensemble, signals), model.hypotheses
-        axes = {each.axis[:2] for some in known.values() for each in some}
-        return self._identified(free, known if axes == {free.axis[:2]} else {})
+        reflex = model.reflex
+        search = JointCascade(emg=self.emg).search(ensemble)
+        selection = None if reflex is None else search.refit(reflex.hyperparameters)
+        return self._identified(ensemble, selection, model.hypotheses)
 
-    def _identified(self, free: FreeEstimates, known: Hypotheses) -> AdaptiveModel:
+    def _identified(
+        self, ensemble: Ensemble, selection: Selection | None, known: Hypotheses
+    ) -> AdaptiveModel:
         """Return the model. If there are known hypotheses, no others are searched for.
 
         Stiffness is estimated beside a constant viscosity. Where viscosity changes, each is
         estimated again beside the other, at last without a search. With a reflex, the viscosity is
         that of the reflex's model.
         """
-        found: dict[str, Posterior] = {}
+        signals = Signals.of_second_order(ensemble)
+        if selection is not None:
+            signals = Signals.with_reflex(ensemble, repr(JointCascade(emg=self.emg)), selection)
+        free, found = FreeEstimates(ensemble, signals), dict[str, Posterior]()
         for turn in range(1 + MAX_ROUNDS):
             if turn == MAX_ROUNDS:
                 known = known or {name: each.hypotheses for name, each in found.items()}
             beside = found["viscosity"].mixture if found else None
             stiffness = average(free.stiffness(beside), known.get("stiffness", ()))
             found = {"stiffness": stiffness}
-            if free.signals.reflex is not None:
+            if selection is not None:
                 break
-            estimate = free.viscosity(stiffness.mixture)
-            viscosity = average_beside(estimate, stiffness, known.get("viscosity", ()))
-            found["viscosity"] = viscosity
-            if viscosity.probability(Candidate.is_constant) > 0.5:
+            viscosity = free.viscosity(stiffness.mixture)
+            found["viscosity"] = average(viscosity, known.get("viscosity", ()), stiffness)
+            if found["viscosity"].probability(Candidate.is_constant) > 0.5:
                 break
         return model_of(repr(self), free, found)
 
@@ -215,6 +219,7 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
         error = MixtureError(errors, freedom, posterior.arc(), mixture=mixture)
         estimates[quantity] = Estimate(over_time(mixture.mean()), UNITS[quantity], error=error)
         details[f"constant_{quantity}"] = posterior.probability(Candidate.is_constant)
+        details[f"smooth_{quantity}"] = posterior.probability(Candidate.is_smooth)
     if reflex is None:
         constant = free.constants[A - V], np.sqrt(free.covariance[A - V, A - V])
         inertia, errors = map(over_time, constant)
@@ -230,7 +235,6 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
         time=ensemble.time,
         estimates=estimates,
         switches=tuple(row for each in found.items() for row in switches_of(*each, edges[0], rate)),
-        smoothness=tuple(row for each in found.items() for row in smoothness_of(*each, rate)),
         reflex=reflex,
         hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
         diagnostics=Diagnostics(

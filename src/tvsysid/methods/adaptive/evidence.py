@@ -16,11 +16,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cache, cached_property
 from operator import attrgetter
 from typing import NamedTuple
 
-import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,6 +62,10 @@ class Steps(NamedTuple):
         """Return some of the steps; a slice copies nothing."""
         return Steps(*(each[..., index] for each in self))
 
+    def thinned(self, most: int) -> Steps:
+        """Return evenly spaced ones of the steps, at most so many."""
+        return self.take(slice(None, None, -(-len(self.positions) // most)))
+
     def joined(self, other: Steps) -> Steps:
         """Return the steps, and other ones after them."""
         return Steps(*(np.concatenate(each, axis=-1) for each in zip(self, other, strict=True)))
@@ -72,32 +75,26 @@ class Steps(NamedTuple):
         return np.asarray(self.columns.T @ other.columns - self.explained.T @ other.explained)
 
 
-@attrs.frozen(eq=False)
 class FreeEstimate:
     """Estimate at each time of an axis, in units of its mean ``size``.
 
-    ``whitener`` (time, time) makes its error white, with unit variance.
+    ``whitener`` (time, time) makes its error white, with unit variance. ``features`` (time,
+    feature) are those of the smooth part. ``white`` are these and the values, whitened, and
+    ``moments`` their moments. ``window`` returns the steps about a sample, calculated once.
     """
 
-    axis: Axis
-    values: Array
-    whitener: Array
-    size: float
+    def __init__(self, axis: Axis, values: Array, whitener: Array, size: float) -> None:
+        self.axis, self.values, self.whitener, self.size = axis, values, whitener, size
+        self.features = fourier_features(axis)
+        self.white = whitener @ np.column_stack([self.features, values])
+        self.moments = Moments.of(self.white.T @ self.white, len(values))
+        self.window = cache(self._window)
 
-    @cached_property
-    def features(self) -> Array:
-        """Features of the smooth part, shape (time, feature)."""
-        return fourier_features(self.axis)
-
-    @cached_property
-    def white(self) -> Array:
-        """Features, and the values last, whitened."""
-        return np.asarray(self.whitener @ np.column_stack([self.features, self.values]))
-
-    @cached_property
-    def moments(self) -> Moments:
-        """Moments of the whitened features and values."""
-        return Moments.of(self.white.T @ self.white, len(self.white))
+    def on(self, axis: Axis) -> FreeEstimate:
+        """Return the estimate on another axis."""
+        if axis == self.axis:
+            return self
+        return FreeEstimate(axis, self.values, self.whitener, self.size)
 
     def with_misfit(self) -> FreeEstimate:
         """Return the estimate with errors so large that they explain what a smooth part leaves.
@@ -106,8 +103,8 @@ class FreeEstimate:
         """
         smooths = (SmoothFit(self, prior) for prior in smooth_priors(self.axis))
         left = max(smooths, key=attrgetter("score")).posterior
-        misfit = left.residual / (left.number - left.effective)
-        return attrs.evolve(self, whitener=self.whitener / math.sqrt(max(misfit, 1.0)))
+        misfit = max(left.residual / (left.number - left.effective), 1.0)
+        return FreeEstimate(self.axis, self.values, self.whitener / math.sqrt(misfit), self.size)
 
     def steps(self, positions: Array) -> Steps:
         """Return steps at positions, with their products."""
@@ -115,6 +112,14 @@ class FreeEstimate:
         products = self.white.T @ columns
         none, power = np.zeros((0, len(positions))), np.sum(columns**2, axis=0)
         return Steps(positions, columns, products[:-1], none, power, products[-1])
+
+    def _window(self, centre: int, spacing: float, reach: float) -> Steps:
+        """Return steps with a spacing up to a distance from a sample."""
+        axis, count = self.axis, round(reach / spacing)
+        positions = centre + spacing * np.arange(-count, count + 1.0)
+        if axis.periodic:
+            return self.steps(np.mod(positions, axis.times))
+        return self.steps(positions[(positions > 0) & (positions <= axis.times - 1)])
 
 
 class SmoothFit:
@@ -132,6 +137,7 @@ class SmoothFit:
         self.mean = self.whitened(estimate.moments.cross)
         explained = float(self.mean @ self.mean)
         self.score = prior.log_prior + 0.5 * (explained - self.posterior.log_determinant)
+        self.window = cache(lambda *window: self.beside(estimate.window(*window)))
 
     def whitened(self, products: Array) -> Array:
         """Return products with the features in the units of ``mean``, shape (coefficient, ...)."""
@@ -225,9 +231,8 @@ def log_evidence(
     free = 0.5 * (square - log_determinant + count * np.log(prior)) - count * math.log(axis.times)
     if not axis.periodic:
         return np.asarray(free)
-    if count < 2:  # one balanced switch is none
-        return np.concatenate([free, np.full(free.shape, -np.inf)])
-    condition = total**2 / variance + np.log(variance * prior / count)
+    # One balanced switch is none.
+    condition = total**2 / variance + np.log(variance * prior / count) if count > 1 else math.inf
     return np.concatenate([free, free - 0.5 * condition])
 
 
@@ -259,10 +264,5 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
         size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
         waves[wave] = sizes[size, 0]
         log_prior += float(log_odds[wave])
-        yield SmoothPrior(
-            "few harmonics",
-            amplitude=math.sqrt(waves.sum() / 2),
-            length=estimate.axis.period / (np.flatnonzero(waves)[-1] // 2 + 1),
-            log_prior=log_prior,
-            variances=np.pad(variances[known - 1 :], (0, features.shape[1] - count - 1)),
-        )
+        rest = features.shape[1] - count - 1
+        yield SmoothPrior(log_prior, np.pad(variances[known - 1 :], (0, rest)))

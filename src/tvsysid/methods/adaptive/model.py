@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import NamedTuple
@@ -19,7 +18,7 @@ from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
 from tvsysid.signals import Ensemble
 
-MIN_PROBABILITY, MIN_SWITCH_PROBABILITY = 0.01, 0.05  # of what is listed
+MIN_SWITCH_PROBABILITY = 0.05  # of a switch that is listed
 CERTAIN = 0.995  # probability of a switch that is not mentioned
 BISECTIONS = 26
 INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
@@ -41,20 +40,6 @@ class Switch(NamedTuple):
     probability: float
 
 
-class Smoothness(NamedTuple):
-    """A smooth part of a ``quantity``.
-
-    It has a ``kind``, a standard deviation in the quantity's unit, a length in s, and a
-    probability.
-    """
-
-    quantity: str
-    kind: str
-    amplitude: float
-    length: float
-    probability: float
-
-
 @attrs.frozen(eq=False)
 class MixtureError(StandardError):
     """Random error of an estimate that is a mixture of possible values.
@@ -63,13 +48,12 @@ class MixtureError(StandardError):
     known. A band is not negative where none of the mixture's means is.
     """
 
-    mixture: Mixture | None = None
+    mixture: Mixture = attrs.field(kw_only=True)
 
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
     ) -> tuple[Array, Array]:
         """Return the limits of a band: quantiles of the mixture, with Student's t for each part."""
-        assert self.mixture is not None
         known, multiple = np.isfinite(self.values), self.multiple(level, simultaneous)
         inside = INSIDE * multiple * self.values[known]
         limits = np.full((2, *values.shape), np.nan)
@@ -83,7 +67,6 @@ class MixtureError(StandardError):
 
     def _quantile(self, multiple: Array) -> Array:
         """Return the quantile (time,) with the probability of Student's t below ``multiple``."""
-        assert self.mixture is not None
         weights, means, variances = self.mixture
         freedom, spreads = self.freedom[np.isfinite(self.values)], np.sqrt(variances)
         share = ndtr(_as_normal(multiple, freedom))
@@ -109,14 +92,12 @@ class AdaptiveModel(Model):
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
-    ``switches`` (of a probability of 5 % and more) and ``smoothness`` are tables of what was found.
-    Where a reflex is shown, the model ``reflex`` has its pathway, and the intrinsic response of
-    which stiffness and viscosity are a part. ``hypotheses`` are the models that were averaged, by
-    quantity, the most probable first. :meth:`plot` shows all of these.
+    ``switches`` are those of a probability of 5 % and more. Where a reflex is shown, the model
+    ``reflex`` has its pathway, and the intrinsic response of which stiffness and viscosity are a
+    part. ``hypotheses`` are the models that were averaged, by quantity, the most probable first.
     """
 
     switches: tuple[Switch, ...] = ()
-    smoothness: tuple[Smoothness, ...] = ()
     reflex: JointCascadeModel | None = None
     hypotheses: Mapping[str, Sequence[Hypothesis]] = attrs.field(factory=dict)
 
@@ -129,27 +110,8 @@ class AdaptiveModel(Model):
         return found
 
     def _identified(self) -> tuple[Labelled, Labelled]:
-        tables: dict[str, tuple[NamedTuple, ...]] = {
-            "switch": self.switches,
-            "smoothness": self.smoothness,
-        }
-        return {
-            f"{axis}_{name}": ((axis,), [getattr(row, name) for row in rows])
-            for axis, rows in tables.items()
-            for name in (rows[0]._fields if rows else ())
-        }, {}
-
-
-def smoothness_of(quantity: str, posterior: Posterior, rate: float) -> list[Smoothness]:
-    """Return the smooth parts that are likely, the most probable first."""
-    size, total = posterior.candidates[0].smooth.estimate.size, Counter[tuple[str, float, float]]()
-    for each, probability in zip(posterior.candidates, posterior.probabilities, strict=True):
-        total[each.smooth.prior[:3]] += float(probability)  # type: ignore[assignment]
-    return [
-        Smoothness(quantity, kind, amplitude * size, length / rate, probability)
-        for (kind, amplitude, length), probability in total.most_common()
-        if probability >= MIN_PROBABILITY
-    ]
+        columns = zip(Switch._fields, zip(*self.switches, strict=True), strict=False)
+        return {f"switch_{name}": (("switch",), list(column)) for name, column in columns}, {}
 
 
 def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) -> list[Switch]:
@@ -194,9 +156,8 @@ def changes(model: AdaptiveModel) -> list[str]:
             else:
                 lines.append(f"{kind} {text}, probability {share}")
             where = " between switches" if is_probable else where
-    none = [row for row in model.smoothness if row[:2] == ("stiffness", "none")]
-    constant = sum(row.probability for row in none)
-    lines.append(f"smooth change{where}: probability {100 * max(0.0, 1 - constant):.0f} %")
+    is_smooth = model.diagnostics.details["smooth_stiffness"]
+    lines.append(f"smooth change{where}: probability {100 * is_smooth:.0f} %")
     if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")
     return lines

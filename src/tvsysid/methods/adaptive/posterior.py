@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -29,7 +29,6 @@ from tvsysid.methods.adaptive.prior import (
 from tvsysid.methods.adaptive.search import (
     Candidate,
     Grid,
-    Windows,
     first_candidate,
     propose_switches,
 )
@@ -40,7 +39,6 @@ MAX_MODELS = 32  # that count
 MIN_WEIGHT = 0.002  # of a model, and probability of a position, that count
 MAX_POSITIONS = 24  # of a switch, in a model that has all the weight
 SAME = 0.26  # samples within which two sets of switches are the same
-MAX_SMEARED = 6  # switches up to which it is tried how steps are smeared
 SMEAR_SPACING = 1 / 4  # samples between positions where smears are compared
 OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
 BY_EVIDENCE = attrgetter("evidence")
@@ -171,6 +169,11 @@ class Posterior:
         return cls(candidates, weights, over_time, mixture)
 
     @property
+    def axis(self) -> Axis:
+        """Axis of the best candidate."""
+        return self.candidates[0].smooth.estimate.axis
+
+    @property
     def probabilities(self) -> Array:
         """Probability of every candidate."""
         return np.asarray(softmax([each.evidence for each in self.candidates]))
@@ -209,50 +212,37 @@ class Posterior:
         return features, block_diag(np.eye(len(smooth.mean)), best.covariance[0])
 
 
-def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> Posterior:
+def average(
+    estimate: FreeEstimate, known: Sequence[Hypothesis] = (), other: Posterior | None = None
+) -> Posterior:
     """Average all plausible models of a free estimate, weighted by their evidence.
 
-    If there are ``known`` hypotheses, only these are averaged.
+    If there are ``known`` hypotheses, only these are averaged. The prior probability is 1/2 that
+    the estimate switches where the best candidate of an ``other`` one does.
 
     A low-pass before sampling smears a step, and so do realizations that switch at different times.
     Each is tried where there are steps. The usual low-pass has a prior probability of 1/2. What the
     data leave open is averaged.
     """
-    if known:
-        return Posterior.of(plausible(attrs.evolve(estimate, axis=known[0].axis), known=known))
+    if known or other:
+        axis, tied = (other.axis, other.candidates[0]) if other else (known[0].axis, None)
+        return Posterior.of(plausible(estimate.on(axis), known=known, tied=tied))
     candidates = plausible(estimate)
     found = Posterior.of(candidates)
     best, usual = found.candidates[0], estimate.axis
-    without = found.probability(lambda each: not len(each.positions))
-    if without > 0.5 or len(best.positions) > MAX_SMEARED:
+    if found.probability(lambda each: not len(each.positions)) > 0.5:
         return found
     smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
-    smeared = [attrs.evolve(estimate, axis=axis) for axis in (usual, *smears)]
-    scores = []
-    for each in smeared:
-        moved = best._replace(smooth=SmoothFit(each, best.smooth.prior))
-        scores.append(moved.refined(Windows(each, SMEAR_SPACING)).total)
-    other, log_prior = int(np.argmax(scores[1:])) + 1, -math.log(len(smears))
-    if scores[other] + log_prior < scores[0] - OPEN:
+    smeared = [estimate.on(axis) for axis in (*smears, usual)]
+    fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
+    *totals, total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
+    log_prior = -math.log(len(smears))
+    if max(totals) + log_prior < total - OPEN:
         return found
-    beside = plausible(smeared[other], [each.prior for each in found.hypotheses])
+    priors = [each.prior for each in found.hypotheses]
+    beside = plausible(smeared[totals.index(max(totals))], priors)
     beside = [each._replace(evidence=each.evidence + log_prior) for each in beside]
     return Posterior.of(candidates + beside)
-
-
-def average_beside(
-    estimate: FreeEstimate, other: Posterior, known: Sequence[Hypothesis] = ()
-) -> Posterior:
-    """Average models of an estimate that may switch where another does.
-
-    The prior probability is 1/2 that it switches where the other's best candidate does. Other
-    switches are searched for only where some seem to be there at first.
-    """
-    best = other.candidates[0]
-    estimate = attrs.evolve(estimate, axis=best.smooth.estimate.axis)
-    # No position is to be found, so that none is penalised.
-    volume = len(best.positions) * math.log(estimate.axis.times) + math.log(0.5)
-    return Posterior.of(plausible(estimate, known=known, tied=best._replace(log_volume=volume)))
 
 
 def plausible(
@@ -264,16 +254,20 @@ def plausible(
     """Return all plausible candidates, with steps smeared as the estimate's axis says.
 
     Sets of switches are searched for, unless there are ``known`` hypotheses. By default, ``priors``
-    of the smooth part are all. ``tied`` are switches of another estimate.
+    of the smooth part are all. Beside the switches of another estimate, ``tied``, others are
+    searched for only where some seem to be there at first.
     """
     priors = priors or [each.prior for each in known]
     fits = {
         each.variances.tobytes(): SmoothFit(estimate, each)
         for each in priors or smooth_priors(estimate.axis)
     }
-    smooths, others = list(fits.values()), [tied] if tied and len(tied.positions) else []
+    smooths, others = list(fits.values()), list[Candidate]()
+    if tied and len(tied.positions):  # no position is to be found, so that none is penalised
+        volume = len(tied.positions) * math.log(estimate.axis.times) + math.log(0.5)
+        others = [tied._replace(log_volume=volume)]
     if known:  # of hypotheses with the same switches, the most probable counts
-        sets = {tuple(each.positions): each for each in reversed(known)}.values()
+        sets = {each.positions.tobytes(): each for each in reversed(known)}.values()
         proposals = [
             Candidate(fits[each.prior.variances.tobytes()], each.positions) for each in sets
         ]
@@ -285,21 +279,19 @@ def plausible(
             if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
                 return weighed(smooths, first[:1])
         proposals = propose_switches(first, grid)
-    windows, found = Windows(estimate), list[Candidate]()
-    for each in proposals:
-        refined = each.refined(windows)
-        found += [refined, refined.without_doubles(windows)]
-    candidates = sorted(weighed(smooths, distinct(found)), key=BY_EVIDENCE)
+    refined = [each.refined() for each in proposals]
+    found = distinct(each for one in refined for each in (one, one.without_doubles()))
+    candidates = sorted(weighed(smooths, found), key=BY_EVIDENCE)
     best_of = {id(each.places): each for each in candidates}.values()
-    found = [each.refined(windows) for each in best_of]
+    found = distinct(each.refined() for each in best_of)
     if not priors:  # beside the best set of switches, and beside none
         for best in {not len(each.positions): each for each in candidates}.values():
             sums = few_harmonics(estimate, best.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
-    return weighed(smooths, [*distinct(found), *others])
+    return weighed(smooths, [*found, *others])
 
 
-def distinct(sets: Sequence[Candidate]) -> list[Candidate]:
+def distinct(sets: Iterable[Candidate]) -> list[Candidate]:
     """Return sets of switches without repetitions."""
     out: list[Candidate] = []
     for switches in sets:

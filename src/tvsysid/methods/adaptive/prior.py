@@ -19,7 +19,7 @@ from scipy.special import ndtr
 from tvsysid.numerics import Array
 
 LEVEL = 30.0  # standard deviation of the constant
-AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # standard deviations of the smooth part
+AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # standard deviations; the first has no corners
 MIN_LENGTH = 4.0  # samples, of the roughest smooth part
 LENGTH_RATIO = 1.6  # from one length to the next
 MAX_LENGTH = 1 / 1.2  # periods; from half a period on, one harmonic is all that is left
@@ -33,15 +33,11 @@ JITTERS = (1.0, 1.4, 2.0, 2.8, 4.0)  # samples, that are tried
 
 
 class SmoothPrior(NamedTuple):
-    """Prior of a constant and a smooth part.
+    """Prior of a constant and a smooth part, with its log probability.
 
-    The smooth part has a ``kind``, a standard deviation, a length, and a log prior probability.
     ``variances`` (feature,) are those of a constant, and of cosines and sines.
     """
 
-    kind: str
-    amplitude: float
-    length: float
     log_prior: float
     variances: Array
 
@@ -130,16 +126,14 @@ def smooth_priors(axis: Axis) -> list[SmoothPrior]:
     # where stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in
     # 40 s of PRBS.
     none = np.append(LEVEL**2, np.zeros(2 * axis.harmonics))
-    out = [SmoothPrior("none", 0.0, math.inf, math.log(0.5), none)]
-    for kind, lengths, amplitudes in (
-        ("smooth", all_lengths, AMPLITUDES),
-        ("with corners", all_lengths[2::2], AMPLITUDES[1:]),
-    ):
+    out = [SmoothPrior(math.log(0.5), none)]
+    for has_corners, lengths in enumerate((all_lengths, all_lengths[2::2])):
+        amplitudes = AMPLITUDES[has_corners:]
         for length, amplitude in product(lengths, amplitudes):
             square = (harmonic * length) ** 2
-            spectrum = np.exp(-square / 2) if kind == "smooth" else (1 + square / 3) ** -2.0
+            spectrum = (1 + square / 3) ** -2.0 if has_corners else np.exp(-square / 2)
             spectrum[spectrum < MIN_VARIANCE * spectrum[0]] = 0.0
             variances = np.append(LEVEL**2, np.repeat(amplitude**2 * spectrum / spectrum.sum(), 2))
             log_prior = math.log(0.25 / len(lengths) / len(amplitudes))
-            out.append(SmoothPrior(kind, amplitude, length, log_prior, variances))
+            out.append(SmoothPrior(log_prior, variances))
     return out

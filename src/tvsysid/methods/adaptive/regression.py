@@ -78,11 +78,10 @@ class FreeEstimates:
         if viscosity is not None:  # no constant is added to it
             precision[0] = UNKNOWN**2 * self.weights[0].constants[0, 0]
         free = self._solve(known, precision)
-        self.misfit = np.zeros((2, times, times))
-        if not self.whitens:
-            lags = np.arange(times) / self.ensemble.sampling_rate
-            variances = misfit_variances(self.products, self.coefficients, signals.independent)
-            self.misfit = np.multiply.outer(variances, toeplitz(np.exp(-lags / MISFIT_TIME)))
+        lags = np.arange(times) / self.ensemble.sampling_rate
+        variances = misfit_variances(self.products, self.coefficients, signals.independent)
+        misfit = np.multiply.outer(variances, toeplitz(np.exp(-lags / MISFIT_TIME)))
+        self.misfit = misfit * (not self.whitens)
         other = signals.change_covariance + np.diag(variance) + self.misfit[0]
         return self._estimate(
             U, self.coefficients[U], free.error(self.covariance, other, self.misfit[1])
@@ -104,13 +103,13 @@ class FreeEstimates:
         beside = weighted.constants - weighted.low[U] @ free.solved
         cross = beside[:, -1] - (weighted.low[V] - weighted.low[U] @ free.moved) @ known
         gram = (beside[:, :-1] + beside[:, :-1].T) / 2 + np.diag(precision)
-        power, tiny = weighted.constants.diagonal(), np.finfo(float).tiny
-        size = np.sqrt(np.maximum(power + precision, tiny))
+        power = np.maximum(weighted.constants.diagonal(), np.finfo(float).tiny)
+        size = np.sqrt(power + precision)
         eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
         kept = eigenvalues > STILL
         root = vectors[:, kept] / size[:, None] / np.sqrt(eigenvalues[kept])
         self.constants, self.identifiable = root @ (root.T @ cross), bool(kept.all())
-        stronger = np.sqrt(sandwich.constants.diagonal() / np.maximum(power, tiny))
+        stronger = np.sqrt(sandwich.constants.diagonal() / power)
         self.covariance = root @ root.T * np.outer(stronger, stronger)
         constants = np.repeat(self.constants[:, None], self.axis.times, axis=1)
         self.coefficients = np.vstack([free.values(self.constants, known), constants])
@@ -126,7 +125,7 @@ class FreeEstimates:
         products with velocity show misfit, they are weighted almost alike.
         """
         signals, times, columns = self.signals, self.axis.times, self.signals.columns
-        residual = signals.residual(self.coefficients)
+        residual = columns[-1] - np.einsum("krt,kt->rt", columns[:-1], self.coefficients)
         covariance = residual.T @ residual / (signals.independent - 1)
         torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
         noise = float(np.trace(covariance)) / times + MIN_NOISE * torque_power
@@ -247,12 +246,9 @@ def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
 
     The expectation is that of noise that filters (time, time) make white.
     """
-    weights, (angles, velocities) = filters.T @ filters, signals.columns[: V + 1] ** 2
-    power = floored(velocities.sum(axis=0))
-    taken = np.sum(angles * velocities, axis=0) / (floored(angles.sum(axis=0)) * power)
-    share = np.maximum(1 - taken, 1e-3) * signals.independent / len(residual)
-    expected = np.sum(power * np.diag(weights) * share)
-    return float(np.sum(velocities * (residual @ weights) ** 2) / expected)
+    weights, velocities = filters.T @ filters, signals.columns[V] ** 2
+    power = velocities.sum(axis=0) @ np.diag(weights) * signals.independent / len(residual)
+    return float(np.sum(velocities * (residual @ weights) ** 2) / power)
 
 
 def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
@@ -264,15 +260,15 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     """
     mixed, powers = products[:, V:, U], floored(np.einsum("tii->it", products))
     beside = products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / powers[U, :, None, None]
-    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T
-    residual = np.einsum("tij,tj->ti", beside, weights)
+    weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T[:, :, None]
+    residual = beside @ weights
     # Where both signals are collinear, their coefficients are uncertain, and count little.
     ridge = np.eye(2) * COLLINEAR * powers[V : A + 1].T[:, :, None]
     inverse = np.linalg.inv(beside[:, :2, :2] + ridge)
-    change = np.einsum("tij,tj->ti", inverse, residual[:, :2])
+    change = inverse @ residual[:, :2]
     left = np.sum(weights * residual, axis=1) - np.sum(change * residual[:, :2], axis=1)
-    variance = np.einsum("tii->ti", inverse)
-    by_chance = variance * np.maximum(left, 0.0)[:, None] / max(independent - 5, 1)
+    change, variance = change[..., 0], np.einsum("tii->ti", inverse)
+    by_chance = variance * np.maximum(left, 0.0) / max(independent - 5, 1)
     return np.maximum(np.average(change**2 - by_chance, axis=0, weights=1 / variance), 0.0)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from functools import cache
 from heapq import nlargest
 from operator import attrgetter
 from typing import NamedTuple
@@ -13,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import softmax
 
-from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, Steps, column_evidence
+from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, column_evidence
 from tvsysid.numerics import Array
 
 # positions that are tried at most
@@ -37,37 +36,13 @@ SWEEPS = 4  # of all switches, each placed beside the others, at most
 BY_SCORE = attrgetter("score")
 
 
-class Windows:
-    """Steps at finely spaced positions around samples, calculated once for each sample.
-
-    ``spacing`` and ``reach`` are in samples.
-    """
-
-    def __init__(
-        self, estimate: FreeEstimate, spacing: float = PLACED, reach: float = REFINE_REACH
-    ) -> None:
-        axis, count = estimate.axis, round(reach / spacing)
-
-        @cache
-        def steps(centre: int) -> Steps:
-            positions = centre + spacing * np.arange(-count, count + 1.0)
-            if axis.periodic:
-                return estimate.steps(np.mod(positions, axis.times))
-            return estimate.steps(positions[(positions > 0) & (positions <= axis.times - 1)])
-
-        @cache
-        def beside(centre: int, smooth: SmoothFit) -> Steps:
-            return smooth.beside(steps(centre))
-
-        self.spacing, self.around = spacing, beside
-
-
 class Candidate(NamedTuple):
     """Switches at ``positions`` beside a smooth part, and their ``score``.
 
     Each may also lie at other positions: ``places`` are these, and their probabilities.
-    ``log_volume`` is the log of the weight of all positions together, in samples. ``evidence`` is
-    the log evidence at any position, with a prior of the switches' sizes, including all priors.
+    They are known once the candidate ``is_refined``. ``log_volume`` is the log of the weight of all
+    positions together, in samples. ``evidence`` is the log evidence at any position, with a prior
+    of the switches' sizes, including all priors.
     """
 
     smooth: SmoothFit
@@ -75,6 +50,7 @@ class Candidate(NamedTuple):
     score: float = -math.inf
     places: Sequence[tuple[Array, Array]] = ()
     log_volume: float = 0.0
+    is_refined: bool = False
     size_prior: int = 0
     evidence: float = -math.inf
 
@@ -85,10 +61,17 @@ class Candidate(NamedTuple):
 
     def is_constant(self) -> bool:
         """Return whether nothing changes."""
-        return not len(self.positions) and self.smooth.prior.kind == "none"
+        return not len(self.positions) and not self.is_smooth()
 
-    def refined(self, windows: Windows) -> Candidate:
-        """Move switches to their most probable positions, each beside the others, in turn."""
+    def is_smooth(self) -> bool:
+        """Return whether there is a smooth part."""
+        return bool(self.smooth.prior.variances[1:].any())
+
+    def refined(self, spacing: float = PLACED, reach: float = REFINE_REACH) -> Candidate:
+        """Move switches to their most probable positions, each beside the others, in turn.
+
+        Positions that are tried have a ``spacing`` and a distance of up to ``reach`` samples.
+        """
         smooth, count = self.smooth, len(self.positions)
         own, places = smooth.steps(self.positions), deque[tuple[Array, Array]](maxlen=count)
         size_prior = int(smooth.scores_of(own).argmax())
@@ -96,7 +79,7 @@ class Candidate(NamedTuple):
             before = own.positions
             for position in before:  # the first switch is moved, and becomes the last
                 others = own.take(slice(1, None))
-                window = windows.around(round(position), smooth)
+                window = smooth.window(round(position), spacing, reach)
                 scores = smooth.scores_with(others, window)[size_prior]
                 best = int(np.argmax(scores))
                 own = others.joined(window.take(slice(best, best + 1)))
@@ -105,28 +88,28 @@ class Candidate(NamedTuple):
                 break
         order = np.argsort(own.positions)
         # The sum of all weights is that of the best position over its probability.
-        volumes = [windows.spacing / probabilities.max() for _, probabilities in places]
+        volumes = [spacing / probabilities.max() for _, probabilities in places]
         return self._replace(
             positions=own.positions[order],
             score=float(smooth.scores_of(own).max()),
             places=[places[place] for place in order],
             log_volume=sum(map(math.log, volumes)),
+            is_refined=True,
         )
 
-    def without_doubles(self, windows: Windows) -> Candidate:
+    def without_doubles(self) -> Candidate:
         """Remove one of two close switches where that raises the evidence.
 
         On the grid of the search, two switches may represent one.
         """
-        own, axis = self.positions, self.smooth.estimate.axis
-        is_close = np.abs(axis.offset(own, np.roll(own, 1))) < CLOSE
+        own = self.positions
+        is_close = np.abs(self.smooth.estimate.axis.offset(own[:, None], own)) < CLOSE
         tried = [
-            self._replace(positions=np.delete(own, place)).refined(windows)
-            for later in np.flatnonzero(is_close & (len(own) > 1))
-            for place in (later, later - 1)
+            self._replace(positions=np.delete(own, place)).refined()
+            for place in np.flatnonzero(is_close.sum(axis=0) > 1)
         ]
         best = max(tried, key=attrgetter("total"), default=self)
-        return best.without_doubles(windows) if best.total > self.total else self
+        return best.without_doubles() if best.total > self.total else self
 
 
 class Grid:
@@ -137,13 +120,10 @@ class Grid:
         spacing = max(0.5, times / MAX_POSITIONS)
         first = 0 if estimate.axis.periodic else 1  # a step before the first sample is none
         self.steps = estimate.steps(np.arange(first, int(times / spacing), dtype=float) * spacing)
-        count = len(self.steps.positions)
-        every = -(-count // MAX_FIRST)
-        self.first = self.steps.take(slice(None, None, every))
-        self.paired = slice(None, None, -(-count // (every * MAX_PAIRED)))
-        pairs = self.first.take(self.paired)
+        self.first = self.steps.thinned(MAX_FIRST)
+        pairs = self.first.thinned(MAX_PAIRED)
         self.pair_gram = pairs.products(pairs)
-        self.windows = Windows(estimate, SEARCHED, SEARCH_REACH * max(1.0, spacing))
+        self.window = SEARCHED, SEARCH_REACH * max(1.0, spacing)
 
 
 def first_candidate(smooth: SmoothFit, grid: Grid) -> Candidate:
@@ -152,7 +132,7 @@ def first_candidate(smooth: SmoothFit, grid: Grid) -> Candidate:
     The sizes of two opposite switches are those of one column, which is their difference.
     """
     steps = smooth.beside(grid.first)
-    pairs = steps.take(grid.paired)
+    pairs = steps.thinned(MAX_PAIRED)
     gram = grid.pair_gram - pairs.explained.T @ pairs.explained
     opposite = (
         (pairs.power[:, None] + pairs.power) / 2 - gram,
@@ -177,7 +157,7 @@ def best_step(candidate: Candidate, grid: Grid) -> Candidate:
         scores = smooth.scores_with(rest, steps).max(axis=0)
         best = int(np.argmax(scores))
         options.append((scores[best], [*rest.positions, steps.positions[best]]))
-    return candidate._replace(positions=np.sort(max(options)[1])).refined(grid.windows)
+    return candidate._replace(positions=np.sort(max(options)[1])).refined(*grid.window)
 
 
 def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
@@ -188,7 +168,7 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     On a periodic axis, the cycle is cut at the ``first`` position, with or without a switch there.
     """
     times, periodic = estimate.axis.times, estimate.axis.periodic
-    cut = round(first[0]) % times if periodic and len(first) else 0
+    cut = round(first[0]) if periodic and len(first) else 0
     precision = np.sum(estimate.whitener**2, axis=0)
     edges = np.append(np.arange(0, times, -(-times // MAX_FIRST)), times)
     sums = np.cumsum(np.roll([precision, precision * estimate.values], -cut, axis=1), axis=1)
@@ -196,14 +176,12 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     power, cross = sums[:, :, None] - sums[:, None]  # from an edge before to an edge
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.where(before, cross**2 / np.maximum(power, NEGLIGIBLE * power.max()), -np.inf)
-    best, paths = gains[:, 0], [tuple[int, ...]()] * len(edges)
-    for count in range(1, min(MAX_JOINT, len(edges) - 2) + 1):
-        whole = best + gains
-        best = whole.max(axis=1)
-        paths = [(*paths[last], (edges[last] + cut) % times) for last in whole.argmax(axis=1)]
-        yield np.sort(paths[-1]).astype(np.float64)
-        if periodic and count < MAX_JOINT:
-            yield np.sort([*paths[-1], cut]).astype(np.float64)
+    best, paths = gains[:, 0], [list[float]()] * len(edges)
+    for count in range(1, MAX_JOINT + 1):
+        paths = [[*paths[last], edges[last]] for last in (best + gains).argmax(axis=1)]
+        best = (best + gains).max(axis=1)
+        for path in [paths[-1], [*paths[-1], 0.0]][: 1 + (periodic and count < MAX_JOINT)]:
+            yield np.sort(np.add(path, cut) % times)
 
 
 def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
@@ -213,41 +191,39 @@ def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
     smooth part that has the best score. It does not begin beside a smooth part with a set at which
     it ended beside another.
     """
-    found, still_open = list(first), dict[SmoothFit, tuple[Candidate, float]]()
-    begun, ended = set[SmoothFit](), set[tuple[float, ...]]()
-    for each in first:  # begun only if a gain as large, and REACH more, would make it the best
-        gain = max(each.score - each.smooth.score, REACH) + REACH
-        still_open[each.smooth] = each, gain
+    found, still_open, ended = list(first), {each.smooth: each for each in first}, set[bytes]()
+    # The search begins only where a gain as large, and REACH more, would make it the best.
+    gains = {each.smooth: max(each.score - each.smooth.score, REACH) + REACH for each in first}
     for _ in range(MAX_STEPS):
         best = max(map(BY_SCORE, found))
         able = [
             each
-            for each, gain in still_open.values()
-            if each.score + min(gain, MAX_GAIN) > best
-            and (each.smooth in begun or tuple(each.positions) not in ended)
+            for smooth, each in still_open.items()
+            if each.score + min(gains[smooth], MAX_GAIN) > best
+            and (each.is_refined or each.positions.tobytes() not in ended)
         ]
         if not able:
             break
         before = max(able, key=BY_SCORE)
-        if before.smooth not in begun:
-            begun.add(before.smooth)
-            before = before.refined(grid.windows)
+        if not before.is_refined:
+            before = before.refined(*grid.window)
             found.append(before)
         after = best_step(before, grid)
         if after.score > best - SLACK:
             found.append(after)
-        still_open[before.smooth] = after, after.score - before.score
+        still_open[before.smooth] = after
+        gains[before.smooth] = after.score - before.score
         if after.score - before.score <= MIN_GAIN:
-            ended.add(tuple(before.positions))
+            ended.add(before.positions.tobytes())
             del still_open[before.smooth]
     best, none = max(map(BY_SCORE, found)), first[0].smooth
     joint = [
         Candidate(none, positions, float(none.scores_of(none.steps(positions)).max()))
         for positions in joint_update(none.estimate, first[0].positions)
     ]
-    joint = [each.refined(grid.windows) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
+    joint = [each.refined(*grid.window) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
     found += [each for each in joint if each.score > best - SLACK]
     best = max(map(BY_SCORE, found))
-    best_of = {tuple(each.positions): each for each in sorted(found, key=BY_SCORE)}
+    best_of = {each.positions.tobytes(): each for each in sorted(found, key=BY_SCORE)}
     sets = [each for at, each in best_of.items() if at and each.score > best - REACH]
     return [*nlargest(MAX_SETS, sets, key=BY_SCORE), Candidate(none, np.zeros(0))]

@@ -10,6 +10,7 @@ from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.result import JointCascadeModel, model
+from tvsysid.methods.cascade.search import Selection
 from tvsysid.methods.shared import HALF_WIDTH, independent_realizations
 from tvsysid.numerics import Array
 from tvsysid.signals import Ensemble
@@ -48,16 +49,6 @@ class Signals:
     change_covariance: Array | float = 0.0
 
     @classmethod
-    def of(
-        cls, ensemble: Ensemble, emg: str | None, reflex: JointCascadeModel | None = None
-    ) -> Signals:
-        """Return the signals of an ensemble, with a reflex if held-out realizations show one.
-
-        A channel of EMG may drive the reflex. A known ``reflex`` is not tested.
-        """
-        return signals_with_reflex(ensemble, emg, reflex) or cls.of_second_order(ensemble)
-
-    @classmethod
     def of_second_order(cls, ensemble: Ensemble) -> Signals:
         """Return the signals of an ensemble without a reflex."""
         edge = missing_edge(HALF_WIDTH, ensemble)
@@ -69,49 +60,42 @@ class Signals:
             prior_precision=np.zeros(2),
         )
 
-    def residual(self, coefficients: Array) -> Array:
-        """Return the residual (realization, time) of coefficients (regressor, time)."""
-        fit = np.einsum("krt,kt->rt", self.columns[:-1], coefficients)
-        return np.asarray(self.columns[-1] - fit)
+    @classmethod
+    def with_reflex(cls, ensemble: Ensemble, method: str, selection: Selection) -> Signals:
+        """Return the signals of an ensemble with the reflex that a method selected.
+
+        The columns after the acceleration are the angle's differences of higher order (the
+        intrinsic response lasts 40 ms to either side), the reflex's columns, and their derivatives
+        by its shape.
+        """
+        fit, data = selection.fit, selection.fit.data
+        first = data.starts[2] + 1  # after the inertia
+        change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]
+        change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
+        torque = data.torque - change @ fit.posterior.mean[: data.own] * data.signals[1]
+        parts = data.signals, fit.reflex_columns(), fit.slopes(), torque[None]
+        return cls(
+            columns=np.concatenate(parts),
+            edges=(data.times.start, ensemble.samples - data.times.stop),
+            independent=len(data.torque) - 1,
+            prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
+            reflex=model(method, selection),
+            change_covariance=change @ fit.covariance[: data.own, : data.own] @ change.T,
+        )
 
 
-def signals_with_reflex(
-    ensemble: Ensemble, emg: str | None, known: JointCascadeModel | None
-) -> Signals | None:
-    """Return signals with the columns of a reflex; None if no reflex is shown.
-
-    The columns after the acceleration are the angle's differences of higher order (the intrinsic
-    response lasts 40 ms to either side), the reflex's columns, and their derivatives by its shape.
-    """
-    method, shown = JointCascade(emg=emg), None
-    if known is None and len(ensemble) < MIN_TESTED_REALIZATIONS:
+def select_reflex(ensemble: Ensemble, method: JointCascade) -> Selection | None:
+    """Return the fit with a reflex if held-out realizations show one, else None."""
+    shown = None
+    if len(ensemble) < MIN_TESTED_REALIZATIONS:
         return None
     try:
-        if known is None and emg is None:
+        if method.emg is None:
             test = reflex_test_of(ensemble)
             if not test.shown:
                 return None
             shown = "positive" if test.direction > 0 else "negative"
-        if known is None:
-            selection = method.search(ensemble).select(shown)
-        else:
-            selection = method.search(ensemble).refit(known.hyperparameters)
+        selection = method.search(ensemble).select(shown)
     except InputError:  # realizations are too short
         return None
-    _, _, _, is_shown, fit = selection
-    data = fit.data
-    if not is_shown or len(data.rows) < MIN_REALIZATIONS or len(data.torque.T) < MIN_SAMPLES:
-        return None
-    first = data.starts[2] + 1  # after the inertia
-    change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]
-    change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
-    torque = data.torque - change @ fit.posterior.mean[: data.own] * data.signals[1]
-    reflex = np.concatenate([fit.reflex_columns(), fit.slopes(), torque[None]])
-    return Signals(
-        columns=np.concatenate([data.signals, reflex]),
-        edges=(data.times.start, ensemble.samples - data.times.stop),
-        independent=len(data.torque) - 1,
-        prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
-        reflex=model(repr(method), selection),
-        change_covariance=change @ fit.covariance[: data.own, : data.own] @ change.T,
-    )
+    return selection if selection.shown else None

@@ -3,7 +3,6 @@
 import ast
 import collections
 import graphlib
-import re
 import subprocess
 import sys
 import types
@@ -94,13 +93,6 @@ def test_truth_cannot_leak_into_an_estimator():
 def test_no_room_for_everything():
     for file in PACKAGE.rglob("*"):
         assert file.stem not in {"utils", "helpers", "common", "misc"}
-
-
-def test_headings_of_docstrings_stand_above_their_lines():
-    for file in PACKAGE.rglob("*.py"):
-        assert not re.search(
-            r"\w +-{3,}$|^ *-{5,} *\w", file.read_text(encoding="utf-8"), re.MULTILINE
-        ), file
 
 
 @pytest.mark.slow

@@ -123,10 +123,9 @@ Outcome = tuple[bool, str, str]  # whether a check holds, what happened, and adv
 def identifies_a_joint(trial: Trial) -> Outcome:
     """Identify stiffness at most times."""
     unknown = 100 * np.isnan(trial.model.stiffness).mean()
-    if unknown > 50:
-        return False, f"{unknown:.0f} % of the values are NaN", "expected numbers at most times"
     names = ", ".join(["angle", "torque", *trial.ensemble.channels])
-    return True, f"from {names} of {trial.ensemble!r}", ""
+    advice = f"{unknown:.0f} % of the values are NaN; expected numbers at most times"
+    return unknown <= 50, f"from {names} of {trial.ensemble!r}", advice
 
 
 def estimates_what_it_declares(trial: Trial) -> Outcome:

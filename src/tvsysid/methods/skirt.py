@@ -114,7 +114,7 @@ class SkirtDecomposition(base.Method):
         mean, covariance, agreement = second_order(skirts, lines.frequencies)
         left = [f"skirts of harmonic {each}" for each, p in p_values.items() if p < WARNED_P]
         left += ["lines that do not agree with each other"] * (agreement < WARNED_P)
-        misfit = np.var(skirts.residual) / np.var(ensemble.torque[:, ensemble.core])
+        is_noisy = np.var(skirts.residual) > NOISELESS * np.var(ensemble.torque[:, ensemble.core])
         warned = (
             f"the torque has {', '.join(left)}, where the impedance that is fitted changes by "
             f"{harmonics} harmonics, which no band counts: it changes faster, or is not of second "
@@ -133,7 +133,7 @@ class SkirtDecomposition(base.Method):
             estimates=shared.impedance_estimates((expansions @ mean).T, errors),
             diagnostics=Diagnostics(
                 float(len(mean)),
-                warnings=(warned,) if misfit > NOISELESS and left else (),
+                warnings=(warned,) if is_noisy and left else (),
                 details={"lines": float(len(lines.frequencies)), "harmonics": float(harmonics)},
             ),
         )
@@ -224,11 +224,11 @@ class Skirts(NamedTuple):
 
     def p_value(self, harmonic: int, waves: NDArray[np.complex128], ensemble: Ensemble) -> float:
         """Return the probability that noise alone leaves such skirts of a harmonic."""
-        turns = harmonic * ensemble.time / ensemble.duration
-        parts = waves * np.exp(2j * np.pi * np.stack([turns, -turns]))[:, None, None]
-        power = np.abs(np.einsum("skrt,rt->sk", parts.conj(), self.residual)) ** 2
-        ratio = power / (self.density * np.einsum("skrt,skrt->sk", parts, parts.conj()).real)
-        return float(gammaincc(ratio.size, ratio.sum()))
+        turns = 2j * np.pi * harmonic * ensemble.time / ensemble.duration
+        turning = np.exp([turns, -turns])
+        found = np.einsum("krt,st,rt->sk", waves.conj(), turning, self.residual)
+        strength = self.density * np.sum(np.abs(waves) ** 2, axis=(1, 2))
+        return float(gammaincc(found.size, np.sum(np.abs(found) ** 2 / strength)))
 
 
 def second_order(skirts: Skirts, lines: Array) -> tuple[Array, Array, float]:

@@ -61,7 +61,7 @@ def dense_log_density(ensemble, theta, decay, near):
 @pytest.mark.parametrize("decay", [math.inf, 15.0])
 def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     ensemble = ensemble_of(12.0, "sine", "noise")
-    record = Record.of(ensemble, kernel_over(ensemble, 0.05, decay), (0.0, 20.0))
+    record = Record.of([ensemble], kernel_over(ensemble, 0.05, decay), (0.0, 20.0))
     likelihood = Likelihood.of(record, np.ones((3, record.kernel.columns), dtype=bool), 0.15)
     one = np.log([0.3, 1600.0, 0.3, 3e-5, 0.15])
     other = np.log([0.1, 650.0, 3.0, 3e-4, 0.2])

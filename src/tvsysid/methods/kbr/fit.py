@@ -11,12 +11,13 @@ no half before the priors, so that a weight has half the variance of its kernel.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import attrs
 import numpy as np
 from scipy.linalg import blas
 
-from tvsysid.methods.kbr.record import WHITE, Mask, NoiseSpectrum, Record, Sums
+from tvsysid.methods.kbr.record import Mask, Record, Sums
 from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, Moments, solve
 from tvsysid.signals import Array
 
@@ -57,14 +58,20 @@ def fit(sums: Sums, precision: Array) -> Fit:
     of the evidence by the noise variance vanishes. If the sums have twice as many columns as the
     prior, the second half are instruments (:func:`by_instruments`).
     """
-    by = by_regressors if len(precision) == len(sums.products) - 1 else by_instruments
     power = float(sums.products[-1, -1]) / sums.number
     noise, floor = GUESS * power, SMALLEST_RESIDUAL * power
     slope, place_before, gap_before = -1.0, math.nan, math.nan
     for iteration in range(1, ITERATIONS + 1):
-        mean, residual, effective, factor = by(sums, sums.marginal(noise), precision, noise)
+        moments, shrinkage = sums.marginal(noise), sums.shrinkage(noise)
+        if len(precision) == len(moments.cross):
+            found = solve(moments, precision, noise)
+            mean, residual, factor = found.mean, found.residual, found.inverse_factor.T
+            mixed = sums.mixed[:-1] * shrinkage
+            through = blas.dtrmm(1.0, found.inverse_factor, mixed, lower=1)
+            effective = found.effective - noise * sums.prior * float(np.sum(through**2))
+        else:
+            mean, residual, effective, factor = by_instruments(moments, noise * precision)
         # The external terms count with what they take from the residual, not as parameters.
-        shrinkage = sums.shrinkage(noise)
         terms = shrinkage * (sums.mixed[-1] - mean @ sums.mixed[: len(mean)])
         effective += float(sums.powers @ shrinkage)
         residual -= noise * sums.prior * float(terms @ terms)
@@ -81,38 +88,27 @@ def fit(sums: Sums, precision: Array) -> Fit:
     return Fit(mean, noise, effective, iteration, factor)
 
 
-def by_regressors(
-    sums: Sums, moments: Moments, precision: Array, noise: float
-) -> tuple[Array, float, float, Array]:
-    """Return mean, squared residual, effective number and factor at a noise variance."""
-    found = solve(moments, precision, noise)
-    mixed = sums.mixed[:-1] * sums.shrinkage(noise)
-    through = blas.dtrmm(1.0, found.inverse_factor, mixed, lower=1)
-    effective = found.effective - noise * sums.prior * float(np.sum(through**2))
-    return found.mean, found.residual, effective, found.inverse_factor.T
+def by_instruments(moments: Moments, prior: Array) -> tuple[Array, float, float, Array]:
+    r"""Fit regressors X that noise moves, too, by instruments Z in the left factor.
 
-
-def by_instruments(
-    sums: Sums, moments: Moments, precision: Array, noise: float
-) -> tuple[Array, float, float, Array]:
-    r"""Return the same of regressors X that noise moves, too, by instruments Z in the left factor.
+    Return mean, squared residual, effective number of parameters and covariance factor.
 
     .. math:: A\, \hat w = Z^T M y, \qquad A = Z^T M X + \sigma^2 P, \qquad
               F F^T = A^{-1} (Z^T M Z + \sigma^2 P) A^{-T}
 
-    with M the matrix that takes out the external terms. The columns of ``sums`` are those of X,
-    then as many of Z. The residual is y - X w.
+    with M the matrix that takes out the external terms, and ``prior`` the diagonal of
+    :math:`\sigma^2 P`. The columns are those of X, then as many of Z. The residual is y - X w.
     """
     gram, cross, square, _ = moments
     gram = np.tril(gram) + np.tril(gram, -1).T
-    prior, count, lengths = np.diag(noise * precision), len(precision), np.sqrt(np.diag(gram))
+    count, lengths = len(prior), np.sqrt(np.diag(gram))
     x, z = slice(count), slice(count, None)
     units = np.outer(lengths[z], lengths[x])
-    inverse = np.linalg.inv((gram[z, x] + prior) / units) / units.T
+    inverse = np.linalg.inv((gram[z, x] + np.diag(prior)) / units) / units.T
     mean = inverse @ cross[z]
     residual = square - 2 * float(mean @ cross[x]) + float(mean @ gram[x, x] @ mean)
-    factor = inverse @ np.linalg.cholesky(gram[z, z] + prior)
-    return mean, residual, count - float(np.sum(prior * inverse.T)), factor
+    factor = inverse @ np.linalg.cholesky(gram[z, z] + np.diag(prior))
+    return mean, residual, count - float(prior @ np.diag(inverse)), factor
 
 
 @attrs.frozen(eq=False)
@@ -151,49 +147,49 @@ class KernelPosterior:
 def fit_coefficients(record: Record, variances: Array, reweighted: int = 0) -> KernelPosterior:
     """Fit the coefficients that the data can see, with prior ``variances`` (signal,).
 
-    The frequencies are weighted by the residual's spectrum. The weights are updated ``reweighted``
+    The frequencies are weighted by the residual's power. The weights are updated ``reweighted``
     times.
     """
     rate = record.runs[0].rate
     numbers = max(1.0, record.size * min(record.band[1] / rate, 0.5))
-    noise, spectrum = GUESS * 0.5 * float(record.powers[-1]) / numbers, WHITE
-    posterior = _fit_visible(record, variances, noise, spectrum)
+    noise, weights = GUESS * 0.5 * float(record.powers[-1]) / numbers, None
+    posterior = _fit_visible(record, variances, noise, weights)
     for _ in range(reweighted):
-        spectrum = residual_spectrum(record, posterior, spectrum)
-        posterior = _fit_visible(record, variances, posterior.fit.noise_variance, spectrum)
+        weights = residual_weights(record, posterior, weights or record.white)
+        posterior = _fit_visible(record, variances, posterior.fit.noise_variance, weights)
     return posterior
 
 
 def _fit_visible(
-    record: Record, variances: Array, noise: float, spectrum: NoiseSpectrum
+    record: Record, variances: Array, noise: float, weights: Sequence[Array] | None
 ) -> KernelPosterior:
     """Fit the features that exceed a part of the noise, which is lowered until the fit has it."""
     precision = np.outer(2 / variances, record.kernel.precision)
-    has_instrument = len(record.powers) > 4
+    most = max(map(np.max, weights)) if weights else 1.0
     while True:
-        visible = record.visible(variances / spectrum.power.min(), noise)
+        visible = record.visible(variances * most**2, noise)
+        has_instrument = len(record.powers) > 4
         chosen = np.concatenate([visible, visible]) if has_instrument else visible
-        found = fit(record.sums(chosen, spectrum), precision[visible])
+        found = fit(record.sums(chosen, weights), precision[visible])
         if 2 * found.noise_variance >= noise or visible.all():
             return KernelPosterior(found, visible, precision)
         noise = found.noise_variance
 
 
-def residual_spectrum(
-    record: Record, posterior: KernelPosterior, before: NoiseSpectrum
-) -> NoiseSpectrum:
-    """Return the spectrum of the torque's residual after a fit under the spectrum ``before``.
+def residual_weights(
+    record: Record, posterior: KernelPosterior, before: Sequence[Array]
+) -> list[Array]:
+    """Return weights of each run's frequencies by the residual of a fit with other weights.
 
-    The power at a frequency is a mean within :data:`SMOOTH_HZ`, over all runs. The spectrum is
-    mirrored at its ends.
+    They are inverse to the residual's power, which is a mean within :data:`SMOOTH_HZ` over all
+    runs. Its spectrum is mirrored at the ends.
     """
-    weights = np.append(-posterior.fit.mean, 1.0)
+    coefficients = np.append(-posterior.fit.mean, 1.0)
     prior = posterior.fit.noise_variance * record.prior
     powers = []
-    for run in record.runs:
+    for run, white in zip(record.runs, before, strict=True):
         rows = run.rows(record.kernel, posterior.visible)
-        white = before.weights(run.frequency)
-        left = np.concatenate([weights @ each for _, each in rows]) * white
+        left = np.concatenate([coefficients @ each for _, each in rows]) * white
         terms, squares = run.external_terms(white)
         products = terms.view(np.float64) @ left.view(np.float64)
         unexplained = left - products / (squares + prior) @ terms
@@ -208,4 +204,5 @@ def residual_spectrum(
     total = np.append(0.0, np.cumsum(np.tile(np.concatenate(powers), 3)[order]))
     power = (total[last] - total[first]) / (last - first)
     power = np.maximum(power, max(FLOOR * power.max(), np.finfo(float).tiny))
-    return NoiseSpectrum(at, power / power.mean())
+    power /= power.mean()
+    return [1 / np.sqrt(np.interp(run.frequency, at, power)) for run in record.runs]

@@ -164,9 +164,9 @@ class KernelRegression(shared.ByReference):
         return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
 
     def _fit(self, ensemble: Ensemble, moved: Ensemble) -> KernelModel:
-        instrument = None if self.reference is None else moved
+        ensembles = [ensemble] if self.reference is None else [ensemble, moved]
         kernel = kernel_over(ensemble, self.length_periodic, self.length_decay)
-        record = Record.of(ensemble, kernel, self.band, instrument)
+        record = Record.of(ensembles, kernel, self.band)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         posterior = fit_coefficients(record, self._variances(record), reweighted)
         each = impedance_over(ensemble, kernel, posterior.mean)
@@ -247,7 +247,7 @@ class KernelRegression(shared.ByReference):
         noise = endless.diagnostics.details["noise_variance"]
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         kernel = kernel_over(ensemble, self.length_periodic, ENDLESS)
-        record = Record.of(ensemble, kernel, self.band)
+        record = Record.of([ensemble], kernel, self.band)
         theta = np.log([self.length_periodic, *self._variances(record), noise])
         given = search.Candidate(self.length_decay, theta, "as given")
         tried = search.Search(ensemble, self.band, noise, share).candidates(given)

@@ -28,10 +28,9 @@ STRICT = 20.0
 # Share of the prior variance below which a feature is left out. It is small because a prior that
 # suits stiffness is very wide for inertia: 1e-9 would change stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
-# features of a coefficient above which a kernel is refused: more would take 2 GiB of covariance
-MAX_FEATURES = 5400
-# span of a record, in decays, above which any kernel would need more features than that
-MAX_SPAN = 200.0
+# harmonics times decays in a record above which a kernel is refused: more would take 2 GiB of
+# covariance
+MAX_SIZE = 1875
 
 
 @attrs.frozen(eq=False)
@@ -61,24 +60,21 @@ class Kernel:
         cls, period: float, l1: float, l2: float, first: float, span: float, rate: float
     ) -> Kernel:
         """Choose the features that matter over a record of ``span`` s from its ``first`` time."""
-        too_many = InputError(
-            f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s over a "
-            f"record of {span:g} s need more than {MAX_FEATURES} features of each coefficient; "
-            "give fewer realizations, a longer length_decay or a larger length_periodic"
-        )
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
         variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
+        if len(variances) * (1 + span / l2) > MAX_SIZE:
+            raise InputError(
+                f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s "
+                f"over a record of {span:g} s need too many features of each coefficient; give "
+                "fewer realizations, a longer length_decay or a larger length_periodic"
+            )
         # The constant, which comes first, is strictly periodic without prior; one column of it is
         # enough.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
         if l2 < STRICT * span:
-            if span / l2 > MAX_SPAN:
-                raise too_many
             nodes, projection, shares = decay_features(first, span, l2)
             shares = np.insert(shares, 0, 0.0)
         matter = np.outer(variances, shares) > TOLERANCE
-        if 2 * np.count_nonzero(matter) > MAX_FEATURES:
-            raise too_many
         matter[0, 0] = True
         harmonic, sine, slow = np.nonzero(np.stack([matter, matter], axis=1))
         columns = (harmonic > 0) | (sine == 0)
@@ -153,7 +149,7 @@ def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
 
 def harmonic_variances(l1: float) -> Array:
     """Return the variances of a constant and the harmonics that matter. Their sum is 1."""
-    most = min(math.ceil(10 + 8 * math.sqrt(min(1 / (2 * l1), 1e9))), MAX_FEATURES)
+    most = min(math.ceil(10 + 8 * math.sqrt(min(1 / (2 * l1), 1e9))), 2 * MAX_SIZE)
     variances = np.exp(log_harmonic_variances(l1, most)[0])
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -28,20 +28,6 @@ BLOCK = 512  # frequencies whose regressors are held at once
 EXTERNAL_TERMS = 5
 # share of the noise that the torque of a feature must be able to reach for it to be fitted
 VISIBLE = 0.03
-
-
-class NoiseSpectrum(NamedTuple):
-    """Power of the noise divided by its mean, at frequencies in Hz."""
-
-    frequency: Array
-    power: Array
-
-    def weights(self, frequency: Array) -> Array:
-        """Return the weights of other frequencies in Hz."""
-        return np.asarray(1 / np.sqrt(np.interp(frequency, self.frequency, self.power)))
-
-
-WHITE = NoiseSpectrum(np.zeros(1), np.ones(1))
 
 
 class Sums(NamedTuple):
@@ -94,23 +80,19 @@ class Run:
     @classmethod
     def of(
         cls,
-        ensemble: Ensemble,
+        ensembles: Sequence[Ensemble],
         realizations: NDArray[np.int64],
         kernel: Kernel,
         band: tuple[float, float],
-        instrument: Ensemble | None,
     ) -> Run:
-        """Join realizations, and their angles with those of an ``instrument``."""
+        """Join realizations; the angle of a second ensemble is the instrument."""
+        ensemble = ensembles[0]
         rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
-        torque = ensemble.torque[realizations, ensemble.core].ravel()
-        samples = len(torque)
-        known = slice(lost, samples - lost)
-        angles = [ensemble] if instrument is None else [ensemble, instrument]
-        signals = np.zeros((3 * len(angles) + 1, samples))
-        for number, each in enumerate(angles):
-            derivatives = differentiate(joined(each, realizations), rate)
-            signals[3 * number : 3 * number + 3, known] = derivatives
-        signals[-1, known] = torque[known]
+        angles = [differentiate(joined(each, realizations), rate) for each in ensembles]
+        torque = ensemble.torque[realizations, ensemble.core].reshape(1, -1)
+        samples = torque.size
+        signals = np.concatenate([*angles, torque[:, lost : samples - lost]])
+        signals = np.pad(signals, ((0, 0), (lost, lost)))
         first = realizations[0]
         clock = clocks_of(ensemble)[first] + np.arange(samples) / rate
         slow = kernel.slow_features(clock).T
@@ -201,15 +183,18 @@ class Record:
     @classmethod
     def of(
         cls,
-        ensemble: Ensemble,
+        ensembles: Sequence[Ensemble],
         kernel: Kernel,
         band: tuple[float, float],
-        instrument: Ensemble | None = None,
     ) -> Record:
-        """Divide an ensemble into runs. Raise InputError if the band has no data."""
+        """Divide an ensemble, and that of its instrument, into runs.
+
+        Raise InputError if the band has no data.
+        """
+        ensemble = ensembles[0]
         lost = max(0, HALF_WIDTH - ensemble.context)
         long = [each for each in ensemble.runs if len(each) * ensemble.samples > 2 * lost + 1]
-        runs = tuple(Run.of(ensemble, each, kernel, band, instrument) for each in long)
+        runs = tuple(Run.of(ensembles, each, kernel, band) for each in long)
         if not any(len(run.frequency) for run in runs):
             raise InputError(
                 f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples "
@@ -225,6 +210,11 @@ class Record:
         return sum(run.known for run in self.runs)
 
     @property
+    def white(self) -> list[Array]:
+        """Return equal weights of all frequencies, for each run."""
+        return [np.ones(len(run.frequency)) for run in self.runs]
+
+    @property
     def prior(self) -> float:
         """Return the prior precision of the external terms: two over the torque's mean square."""
         return 2 * self.size / (float(self.powers[-1]) or 1.0)
@@ -237,26 +227,26 @@ class Record:
         powers = variances * self.powers[: len(variances)]
         return np.asarray(powers[:, None] >= VISIBLE * noise * self.kernel.precision)
 
-    def sums(self, chosen: Mask, noise: NoiseSpectrum = WHITE) -> Sums:
-        """Return weighted sums over the band's frequencies, of the chosen features.
+    def sums(self, chosen: Mask, weights: Sequence[Array] | None = None) -> Sums:
+        """Return sums over the band's frequencies, of the chosen features.
 
-        Real and imaginary parts count separately. Each run has its own external terms.
+        Real and imaginary parts count separately. Each run has its own external terms. ``weights``
+        are those of the frequencies of each run.
         """
         size, number = np.count_nonzero(chosen) + 1, 0.0
         products, mixed, powers = np.zeros((size, size), order="F"), [], []
-        for run in self.runs:
-            weights = noise.weights(run.frequency)
-            terms, power = run.external_terms(weights)
+        for run, weight in zip(self.runs, weights or self.white, strict=True):
+            terms, power = run.external_terms(weight)
             with_terms = np.zeros((size, EXTERNAL_TERMS))
             for bins, rows in run.rows(self.kernel, chosen):
-                parts = (rows if noise is WHITE else rows * weights[bins]).view(np.float64)
+                parts = (rows * weight[bins] if weights else rows).view(np.float64)
                 products = blas.dsyrk(
                     1.0, parts.T, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1
                 )
                 with_terms += parts @ terms[:, bins].view(np.float64).T
             mixed.append(with_terms)
             powers.append(power)
-            number += 2 * len(weights) * run.known / run.samples
+            number += 2 * len(weight) * run.known / run.samples
         with_all = np.concatenate(mixed, axis=1)
         return Sums(products, with_all, np.concatenate(powers), self.prior, number)
 

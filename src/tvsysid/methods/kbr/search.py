@@ -149,16 +149,13 @@ class Search:
         """Return all settings that were tried: those given, each l1 without decay, and decays."""
         # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
         kernel = kernel_over(self.ensemble, LENGTHS[0], ENDLESS)
-        record = Record.of(self.ensemble, kernel, self.band)
+        record = Record.of([self.ensemble], kernel, self.band)
         every = np.ones((3, kernel.columns), dtype=bool)
         strict = Likelihood.of(record, every, self.noise, self.share)
         # Each coefficient makes a torque 1000 times the noise.
         loose = np.log([1.0, *(START * self.noise / record.powers[:3]), self.noise])
-        starts, found = [Candidate(ENDLESS, loose, "no decay")], []
-        for length in LENGTHS:
-            climbed = (strict.climb(start, (length, length), FREE) for start in starts)
-            found.append(max(climbed, key=_value))
-            starts = [starts[0], found[-1]]
+        start = Candidate(ENDLESS, loose, "no decay")
+        found = [strict.climb(start, (length, length), FREE) for length in LENGTHS]
         found.append(strict.climb(max(found, key=_value), (LENGTHS[0], LENGTHS[-1]), FREE))
         kept = math.exp(given.theta[0])
         as_given = self._climb(given, (kept, kept), 0.0) or given
@@ -182,7 +179,7 @@ class Search:
         """Return the best settings near a start with its decay; None if they are too many."""
         try:
             kernel = kernel_over(self.ensemble, math.exp(start.theta[0]), start.decay)
-            record = Record.of(self.ensemble, kernel, self.band)
+            record = Record.of([self.ensemble], kernel, self.band)
             visible = record.visible(np.exp(start.theta[1:4] + rise), self.noise)
             if visible.sum() > MAX_COEFFICIENTS:
                 return None

@@ -162,7 +162,7 @@ def diagnosis() -> Items:
             yield f"{path}/{check['name']}", check["value"]
             yield f"{path}/{check['name']} finding", f"{check['state']}: {check['what']}"
         found = tv.recommend(ensemble, reference, scheduling, diagnosis=diagnosed)
-        yield f"{path}/recommendation", [found.sentence, *found.objections, *found.caveats]
+        yield f"{path}/recommendation", [found.sentence, *found.caveats]
         for what, (value, _) in found.measured.items():
             yield f"{path}/measured {what}", value
 

@@ -26,7 +26,7 @@ from scipy.signal import butter, lfilter
 
 import tvsysid as tv
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
-from tvsysid.quality.resampling import lowered
+from tvsysid.quality.fit import lowered
 
 RELEASE = tv.simulate.StretchReflex(direction=-1)
 

@@ -59,7 +59,6 @@ def test_few_realizations_and_the_method_that_leads_then():
     ensemble = ensemble_of().select([0, 1])  # of a sine
     found = tv.recommend(ensemble)
     assert found.suited == ("birf:tuned=true", "kbr")  # adaptive does not apply
-    assert any("at least 4 realizations" in each for each in found.objections)
     assert "at most 3 harmonics of the period: their evidence" in repr(found)
     assert tv.compare(ensemble, ["eirf", "birf", "kbr"]).leading == "kbr"
 
@@ -68,7 +67,6 @@ def test_slow_changes_are_seen_by_the_evidence():
     found = tv.recommend(ensemble_of())
     assert found.suited == ("birf:tuned=true", "adaptive", "kbr")  # a sine
     assert found.measured["evidence of few harmonics"][0] > 10
-    assert any(each.startswith("not adaptive: It does not use") for each in found.objections)
     assert abs(found.measured["noise bias"][0]) < 2
 
 
@@ -80,7 +78,6 @@ def test_a_reflex_beside_a_measured_variable_by_held_out_folds(gain, suited):
     found = tv.recommend(ensemble, scheduling="emg")
     assert found.suited[0].startswith(f"lpvkbi:variable=emg{suited}")
     assert found.suited[-2:] == ("lpvkbi:variable=emg", "lpv:variable=emg")
-    assert "It takes all realizations as alike; 'emg' differs between" in found.objections[0]
 
 
 def identifiable(joint, duration, perturbation, snr_db, channels=()):

@@ -66,8 +66,8 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
 @pytest.mark.parametrize(
     ("faults", "words", "level", "start"),
     [
-        (["torque-unit", "feedback"], {}, "none", "No joint is so soft: torque-unit "),
-        ([], {"sign": -1}, "none", "No joint has a negative stiffness."),
+        (["torque-unit", "feedback"], {}, "none", "Stiffer or softer than any joint: torque-unit "),
+        ([], {"sign": -1}, "none", "The torque has the opposite sign: "),
         # A reference that was not named is the remedy for a loop. With a wrong period, any channel
         # seems to move the joint.
         (["feedback"], {"suited": False, "unnamed": ("'cmd' moves.",)}, "none", "'cmd' moves."),
@@ -75,7 +75,7 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
         ([], {"known": NONE_SUITS}, "none", "The torque is too weak. Perturb more."),
         ([], {"held_out_vaf": 0.0}, "none", "The model predicts none of the torque of held-out"),
         # A method that the rules prefer to one with the reference
-        (["loop-bias"], {}, "doubtful", "The torque moves the angle (a closed loop): loop-bias"),
+        (["loop-bias"], {}, "doubtful", "Closed loop: the reference changes the stiffness"),
         (["delay"], {"size": -7.0}, "doubtful", "Angle and torque are not recorded"),
         (["reflex"], {}, "doubtful", "Part of this stiffness is a stretch reflex: reflex was seen"),
         ([], {"known": BIASED, "suited": False}, "doubtful", "The behaviour repeats. Identify by"),

@@ -82,10 +82,10 @@ def test_by_default_the_answer_comes_first(identify):
 @pytest.mark.parametrize(
     ("options", "reason", "remedy"),
     [
-        ("--angle degrees", "The movement is too large for radians", "--angle-unit deg."),
-        ("--angle torque --torque angle", "No joint is so soft", "if it is there."),
-        ("--torque mm", "No joint is so stiff", "add --torque-unit Nmm."),
-        ("--period 1.9", "The movement does not repeat with this", "Check --period and --rate."),
+        ("--angle degrees", "The angle is too large for radians", "--angle-unit deg"),
+        ("--angle torque --torque angle", "Stiffer or softer than any joint", "--angle, --torque"),
+        ("--torque mm", "Stiffer or softer than any joint", "--torque-unit Nmm"),
+        ("--period 1.9", "The movement does not repeat with this", "Cut with the period"),
     ],
 )
 def test_no_stiffness_is_stated_from_data_that_make_it_wrong(
@@ -99,7 +99,7 @@ def test_no_stiffness_is_stated_from_data_that_make_it_wrong(
     assert code == 0
     first = out.splitlines()[1]
     assert first.startswith(f"no stiffness is stated. {reason}")
-    assert first.endswith(remedy)
+    assert remedy in first
     assert "\nnot valid: stiffness" in out
     assert "recommended" not in out
     with models() as tree:

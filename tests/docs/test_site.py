@@ -15,7 +15,7 @@ def blocks(page, language):
     return re.findall(rf"^```{language}\n(.+?)\n^```", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", ["formats.md", "cluster.md"])
+@pytest.mark.parametrize("page", ["formats.md", "cluster.md", "planning.md"])
 def test_the_example_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (code,) = blocks(page, "python")

@@ -118,7 +118,7 @@ def test_only_what_changes_is_done_anew(found, monkeypatch):
 def test_an_outcome_that_cannot_be_right_states_no_stiffness(file):
     form = {name: text for name, text in FORM.items() if name != "reversed"}
     lines = outcome(settings_from(form, start(file))).lines
-    assert lines[0].startswith("no stiffness is stated. No joint has a negative stiffness.")
+    assert lines[0].startswith("no stiffness is stated. The torque has the opposite sign: ")
 
 
 @pytest.mark.parametrize(

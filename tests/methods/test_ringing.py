@@ -8,7 +8,7 @@ from tests.independent import ensemble_of, impulses, noise, ringing, with_noise
 
 import tvsysid as tv
 from tvsysid.quality.amount import MAX_INFLATION, angle_inflation
-from tvsysid.quality.resampling import lowered
+from tvsysid.quality.fit import lowered
 
 STIFFNESS, VISCOSITY, INERTIA = 60.0, 0.38, 0.06
 

@@ -1,7 +1,5 @@
 """Planning: the law that errors follow, what a pilot shows, and what is answered."""
 
-import re
-from pathlib import Path
 from types import SimpleNamespace
 
 import attrs
@@ -160,14 +158,6 @@ def test_duration_is_never_rounded_down():
     assert plan.table()["minutes"].item() == 31.5 / 60
     assert answer._replace(seconds=3 * 0.1).duration == "0.3 s"
     assert answer._replace(seconds=121.0).duration == "2.1 min"
-
-
-def test_code_of_the_page_runs(capsys, monkeypatch):
-    monkeypatch.setattr(Protocol, "most_simulated", 40)
-    page = (Path(__file__).parents[2] / "docs" / "planning.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"^```python\n(.+?)\n```$", page, re.MULTILINE | re.DOTALL)
-    exec(code, {})
-    assert "with birf and prbs of 0.0087 rad:" in capsys.readouterr().out
 
 
 @pytest.mark.slow

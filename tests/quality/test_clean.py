@@ -106,21 +106,11 @@ def test_real_records_have_only_true_findings(recordings, record, expected):
         assert {check.name for check in tv.diagnose(ensemble).findings} == expected
 
 
-@pytest.mark.parametrize(
-    ("ensemble", "name", "reason"),
-    [
-        (lambda: cut(simulated()), "mean-angle", "the mean over realizations has been subtracted"),
-        (
-            lambda: cut(simulated(60.0, profile="constant")),
-            "misaligned-realizations",
-            "stiffness hardly varies",
-        ),
-    ],
-)
-def test_what_the_data_cannot_show_is_not_judged(ensemble, name, reason):
-    check = {check.name: check for check in tv.diagnose(ensemble()).checks}[name]
-    assert not check.judged
-    assert reason in check.what
+def test_what_the_data_cannot_show_is_not_judged():
+    diagnosis = tv.diagnose(cut(simulated(60.0, profile="constant")))
+    check = next(each for each in diagnosis.checks if each.name == "misaligned-realizations")
+    assert (check.judged, check.state) == (False, "not judged")
+    assert "stiffness hardly varies" in check.what
 
 
 @perturbed

@@ -23,6 +23,7 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
     delay, unlike = spoilt.findings
     assert delay.value == pytest.approx(30, abs=0.5)
     assert unlike.strength == "11 realizations, at most 0 is in order"
+    assert unlike.what.endswith("outliers (realizations 1, 8, 15, 22, 29, 36, 43, 50, 57, 64, …)")
     assert re.search(
         r"^Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found in 29 of 34 checks.*\n"
         r"- delay: the torque is (29|30).* ms late; that makes inertia .* kg·m² and viscosity .*\n"
@@ -87,15 +88,6 @@ def test_what_cannot_be_diagnosed_is_told(given, expected, advice, clean):
         tv.diagnose(ensemble)
 
 
-def test_the_order_of_rows_does_not_matter(clean, diagnosis):
-    shuffled = tv.diagnose(clean.select(np.random.default_rng(1).permutation(len(clean))))
-    for before, after in zip(diagnosis.checks, shuffled.checks, strict=True):
-        # Cross-validation and split halves go by rows; their verdict does not.
-        assert after.found == before.found
-        if before.name in ("drift", "wrong-period", "weak-answer", "delay", "torque-spikes"):
-            assert after.value == pytest.approx(before.value, rel=1e-6)
-
-
 @pytest.mark.slow
 @given(
     st.integers(0, 10_000), st.integers(2, 20), st.integers(60, 150), st.sampled_from([0, 12, 30]),
@@ -120,11 +112,9 @@ def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, c
 @pytest.mark.parametrize(
     ("name", "value", "significant", "state", "strength"),
     [
-        ("drift", 24.3, True, "found", "24.3 %, at most 10 is in order"),
         ("drift", -16.1, True, "found", "-16.1 %, at most ±10 is in order"),
         ("drift", 24.3, False, "uncertain", "24.3 %, at most 10 is in order, but not significant"),
         ("drift", float("nan"), False, "not judged", "–"),
-        ("weak-answer", 0.0, True, "found", "0 %, at least 30 is in order"),
         ("torque-unit", 0.1, True, "found", "0.1 N·m/rad, at least 0.2 is in order"),
     ],
 )

@@ -121,8 +121,8 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
     whole = attrs.evolve(whole, channels={"scheduling": whole.channels[variable]})
     account = tv.report.Account(tv.compare(whole, ["lpvkbi"]))
     (told,) = answer(account)
-    assert told.startswith("no stiffness is stated. No joint has a negative stiffness. ")
-    assert "add --torque-sign -1" in told
+    assert told.startswith("no stiffness is stated. The torque has the opposite sign: ")
+    assert "--torque-sign -1" in told
     turned = tv.report.Account(tv.compare(attrs.evolve(whole, torque=-whole.torque), ["lpvkbi"]))
     over, along = answer(turned)
     assert over.startswith("lpvkbi: stiffness over scheduling: ")
@@ -145,14 +145,8 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
     account = tv.report.Account(found, diagnosis=found.recommendation.diagnosis)
     (told,) = answer(account)
-    assert told.startswith(
-        "no stiffness is stated. The movement does not repeat with this period: stiffness varies "
-        "by "
-    )
-    assert (
-        "of its mean with 2 s, beside what repeats every 1.9 s. Cut this way, changes of stiffness "
-        "cancel out" in told
-    )
+    assert told.startswith("no stiffness is stated. The movement does not repeat with this period")
+    assert "of its mean with 2 s, beside what repeats every 1.9 s. Cut with the period" in told
     tv.report.write_identification(tmp_path / "report.html", account)
     page = Elements((tmp_path / "report.html").read_text())
     assert section(page, "outcome").startswith(

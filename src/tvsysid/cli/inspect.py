@@ -103,7 +103,7 @@ def _show_diagnosis(
     """
     from tvsysid.comparison import prepare_recording
     from tvsysid.quality import diagnose
-    from tvsysid.quality.resampling import lowered
+    from tvsysid.quality.fit import lowered
     from tvsysid.recommendation import recommend
     from tvsysid.recordings import read_recording
     from tvsysid.report import write_diagnosis

@@ -178,7 +178,7 @@ def delay_to_correct(
         What was found and done. Empty if no delay is found.
     """
     faults = {each.name: each for each in diagnosis.findings}
-    if "delay" not in faults or faults.keys() & (WRONG | LOOP).keys():
+    if "delay" not in faults or faults.keys() & {*WRONG, *LOOP}:
         return 0.0, ""
     what = faults["delay"].what.partition(";")[0]
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000

@@ -52,7 +52,8 @@ def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
     0,
     "N·m/rad",
     effect="stiffness, viscosity and inertia all come out negative",
-    remedy="read the file with torque_sign=-1 (--torque-sign -1)",
+    remedy="read the file with torque_sign=-1 (--torque-sign -1), or without, if it is there; if "
+    "the sign is right, the actuator is compliant: record its command",
     wrong="below",
 )
 def reversed_torque(data: FittedEnsemble) -> Measured:
@@ -87,8 +88,8 @@ def angle_unit(data: FittedEnsemble) -> Measured:
     1500,
     "N·m/rad",
     effect="stiffness, viscosity and inertia are wrong by the same factor",
-    remedy="convert the torque to N·m if it is in mN·m, N·cm or kN·m; check that radians are not "
-    "read as degrees, and that the channels are not swapped",
+    remedy="name the channels the other way round if they are swapped (--angle, --torque), and the "
+    "units of the file (--torque-unit Nmm, --angle-unit deg), or leave out those that are not so",
     lowest=0.2,
 )
 def torque_unit(data: FittedEnsemble) -> Measured:

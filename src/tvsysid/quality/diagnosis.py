@@ -17,7 +17,6 @@ from tvsysid.quality import (
     channels,  # noqa: F401
     delays,  # noqa: F401
     realizations,
-    repetition,  # noqa: F401
     sensors,  # noqa: F401
     structure,  # noqa: F401
 )

@@ -60,6 +60,11 @@ def gains(target: Array, regressors: Array) -> Array:
     return gain
 
 
+def gained_share(target: Array, regressors: Array) -> float:
+    """Return the share of a signal that regressors predict in held-out realizations."""
+    return float(gains(target, regressors).sum() / (np.sum(target**2) + TINY))
+
+
 def without(target: Array, regressors: Array) -> Array:
     """Return a signal (..., realization, time) less what regressors explain of it."""
     rows = regressors.reshape(len(regressors), -1)

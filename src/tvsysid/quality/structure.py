@@ -10,7 +10,13 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
 from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fit import FittedEnsemble
-from tvsysid.quality.statistics import TINY, gains, is_mean_significant, lagged, without
+from tvsysid.quality.statistics import (
+    gained_share,
+    gains,
+    is_mean_significant,
+    lagged,
+    without,
+)
 from tvsysid.signals import Array
 
 # Samples at some 100 Hz by which movement is later or earlier.
@@ -20,6 +26,7 @@ FEEDBACK_LAGS, LATE_LAGS = 1 + np.arange(3, 28, 3), np.arange(4, 29, 3)
 AHEAD, ANGLE_PAST, CAUSE_PAST = 3, 20, 15
 # Shares of unpredicted movement: of the angle by the channel at least, and the reverse at most.
 MIN_LEAD, MAX_FOLLOW = 0.04, 0.02
+TORQUE_LAGS = 6  # samples of the torque to either side that may explain a channel
 TOO_SHORT = "realizations and their context are too short"
 
 
@@ -74,12 +81,8 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     makes the torque's noise gives a stiffness that is lower still, which is the load's.
     """
     data.require()
-    values = data.signal(reference)
-    # EMG and further sensors of the angle or the torque follow the angle, or hardly lead it.
-    if not declared and not (
-        _predicted(data.angle, values) > MIN_LEAD and _predicted(values, data.angle) < MAX_FOLLOW
-    ):
-        raise NotApplicable(f"{reference!r} does not move before the angle")
+    if not declared:
+        _require_leading(data, reference)
     moved, explained = _moved_angle(data, reference)
     if not explained >= HARDLY_MOVED:
         raise NotApplicable(
@@ -121,6 +124,26 @@ def _moved_angle(data: FittedEnsemble, reference: str) -> tuple[Array, float]:
     return moved, 1 - float(left / np.sum(data.angle[:, core] ** 2))
 
 
+def _require_leading(data: FittedEnsemble, channel: str) -> None:
+    """Raise NotApplicable for a channel that does not move the angle.
+
+    EMG and further sensors of the angle follow it or hardly lead it. A sensor of the torque is the
+    torque and noise, a command is the torque and a load.
+    """
+    values, reach = data.signal(channel), TORQUE_LAGS
+    ends = reach, values.shape[1] - reach
+    torques, angles = (
+        lagged(each, range(-reach, reach + 1), *ends) for each in (data.torque, data.angle)
+    )
+    middle = values[:, slice(*ends)]
+    alone, beyond = gained_share(middle, torques), without(middle, torques)
+    if not gained_share(beyond, without(angles, torques)) > alone:
+        raise NotApplicable(f"{channel!r} is the torque")
+    leads, follows = _predicted(data.angle, values), _predicted(values, data.angle)
+    if leads < MIN_LEAD or follows > MAX_FOLLOW:
+        raise NotApplicable(f"{channel!r} does not move before the angle")
+
+
 def _predicted(signal: Array, cause: Array) -> float:
     """Return the share of a signal, unpredicted by its own past, that a cause's past predicts."""
     own, lags = AHEAD + np.arange(ANGLE_PAST), AHEAD + np.arange(0, CAUSE_PAST, 2)
@@ -129,7 +152,7 @@ def _predicted(signal: Array, cause: Array) -> float:
     target, causes = (
         without(each, past) for each in (signal[:, start:], lagged(cause, lags, start, stop))
     )
-    return float(gains(target, causes).sum() / (np.sum(target**2) + TINY))
+    return gained_share(target, causes)
 
 
 @check(

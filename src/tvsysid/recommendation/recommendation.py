@@ -13,7 +13,6 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import (
-    DEFAULT_METHODS,
     METHODS,
     BasisIRF,
     KernelRegression,
@@ -30,10 +29,9 @@ from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis, diagnose, find_reference
-from tvsysid.quality.resampling import lowered
+from tvsysid.quality.fit import lowered
 from tvsysid.recommendation.rules import (
     MAX_FEW_HARMONICS,
-    OBJECTIONS,
     SLOW_NOISE,
     STRONG_NOISE,
     Measured,
@@ -68,8 +66,6 @@ class Recommendation:
     measured
         Value and unit of properties of the data by name. NaN where a property is not shown or the
         data do not tell it.
-    objections
-        Reasons against the other usual methods, each with all methods that it applies to.
     diagnosis
         Diagnosis of the ensemble. None for a single realization.
     unnamed_references
@@ -79,7 +75,6 @@ class Recommendation:
     suited: tuple[str, ...]
     why: str
     measured: Measured
-    objections: tuple[str, ...] = ()
     diagnosis: Diagnosis | None = None
     unnamed_references: tuple[str, ...] = ()
 
@@ -135,7 +130,7 @@ class Recommendation:
         measured = [f"{name} {value:.4g} {unit}".rstrip() for name, (value, unit) in known.items()]
         caveats = [f"caveat: {each}" for each in self.caveats]
         lines = [f"Recommendation: {self.sentence}", f"measured: {', '.join(measured)}"]
-        return "\n".join([*lines, *self.objections, *caveats])
+        return "\n".join([*lines, *caveats])
 
 
 def recommend(
@@ -199,12 +194,11 @@ def recommend(
     values |= {"reference": reference, "scheduling": scheduling}
     typed = (text.format(**values) for text in rule.methods)
     suited = tuple(text for text in typed if not reason_to_skip(parse(text), ensemble))
-    others = [name for name in ensemble.channels if name not in (reference, scheduling)]
+    others = ensemble.channels.keys() - {reference, scheduling} if diagnosis else ()
     return Recommendation(
         suited,
         rule.why.format(**values),
         measured,
-        tuple(_objections(key_of(suited[0]), ensemble, measured, values) if suited else ()),
         diagnosis,
         tuple(find_unnamed_references(ensemble, others)),
     )
@@ -219,21 +213,6 @@ def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iter
                 f"Channel {name!r} moves the angle, and was not named as the reference: "
                 f"{found.what}."
             )
-
-
-def _objections(
-    recommended: str, ensemble: Ensemble, measured: Measured, values: Mapping[str, Any]
-) -> Iterator[str]:
-    """Yield why the other usual methods are not recommended."""
-    keys: dict[str, list[str]] = {}
-    for key in DEFAULT_METHODS:
-        method = parse(key)
-        against = [each.reason for each in OBJECTIONS if each.applies(key, measured)]
-        reason = reason_to_skip(method, ensemble) or [*against, method.differs][0]
-        if key != recommended:
-            keys.setdefault(reason.format(**values), []).append(key)
-    for reason, alike in keys.items():
-        yield f"not {', '.join(alike)}: {reason}"
 
 
 def measure(
@@ -268,11 +247,13 @@ def measure(
     }
     if "reflex" in found or scheduling is not None:
         return measured
-    if not isinstance(model, AdaptiveModel):
-        with suppress(InputError):
-            model = AdaptiveRegression().identify(low_rate)
+    with suppress(InputError):
+        model = model or AdaptiveRegression().identify(low_rate)
     if isinstance(model, AdaptiveModel):
-        measured |= _changes(model)
+        changes = (each for each in model.switches if each.quantity == "stiffness")
+        switches = sum(each.probability > MIN_SWITCH_PROBABILITY for each in changes)
+        constant = round(100 * model.diagnostics.details["constant_stiffness"], 1)
+        measured |= {"switches": (float(switches), ""), "constant": (constant, "%")}
     measured["evidence of few harmonics"] = (_or_nan(_few_harmonics, low_rate), "nat")
     return measured
 
@@ -313,16 +294,6 @@ def _noise_bias(ensemble: Ensemble) -> float:
         for weighting in ("white", "residual")
     )
     return 100 * (weighted - plain) / max(abs(weighted), abs(plain), math.ulp(0.0))
-
-
-def _changes(model: AdaptiveModel) -> dict[str, tuple[float, str]]:
-    """Return the number of likely switches, and the probability that stiffness is constant."""
-    switches = sum(
-        each.quantity == "stiffness" and each.probability > MIN_SWITCH_PROBABILITY
-        for each in model.switches
-    )
-    constant = round(100 * model.diagnostics.details["constant_stiffness"], 1)
-    return {"switches": (float(switches), ""), "constant": (constant, "%")}
 
 
 def _few_harmonics(ensemble: Ensemble) -> float:

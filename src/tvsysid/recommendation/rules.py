@@ -1,4 +1,4 @@
-"""Rules by which a method is recommended, and objections to the other methods."""
+"""Rules by which a method is recommended."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ LOWER = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise bias:.0f}
 RECORD_REFERENCE = "Record the disturbance or the actuator's command"
 BY_REFERENCE = ("kbr:reference={reference},weighting=residual", "birf:reference={reference}")
 BY_VARIABLE = ("lpvkbi:variable={scheduling}", "lpv:variable={scheduling}")
-ONE_PATHWAY = ("eirf", "sds", "esm", "birf", "kbr")
 
 Measured = Mapping[str, tuple[float, str]]  # value and unit by property
 
@@ -138,58 +137,6 @@ RULES = (
         ("adaptive", "kbr:tuned=true", "kbr"),
         "the behaviour repeats, and adaptive finds from the data how fast stiffness changes, and "
         "whether it switches",
-    ),
-)
-
-
-class Objection(NamedTuple):
-    """Reason against some methods that applies on one condition."""
-
-    condition: str
-    methods: tuple[str, ...]
-    reason: str
-
-    def applies(self, key: str, measured: Measured) -> bool:
-        """Return whether the reason applies to the method with this key."""
-        return key in self.methods and holds(self.condition, measured)
-
-
-OBJECTIONS = (
-    Objection(
-        "scheduling variable > 0",
-        ("adaptive", *ONE_PATHWAY),
-        "It takes all realizations as alike; {scheduling!r} differs between them.",
-    ),
-    Objection(
-        "loop bias > 5",
-        ("adaptive", *ONE_PATHWAY),
-        "It takes the angle as imposed: stiffness is {loop bias:.0f} % too low or high.",
-    ),
-    Objection(
-        "reflex > 0",
-        ONE_PATHWAY,
-        "It includes the reflex ({reflex:.1f} % of the torque) in the stiffness.",
-    ),
-    Objection(
-        "information < 500",
-        ("eirf",),
-        "It fits each time by itself, and these data are worth only {information:.0f} realizations "
-        "at 0 dB.",
-    ),
-    Objection(
-        "switches > 0",
-        ("sds", "esm", "birf", "kbr"),
-        "It smears switches of the stiffness ({switches:.0f}).",
-    ),
-    Objection(
-        NOISE_BIAS,
-        ("adaptive", "sds", "esm", "birf"),
-        "It gives noisy frequencies full weight: stiffness is {noise bias:.0f} % lower by them.",
-    ),
-    Objection(
-        "evidence of few harmonics > 5",
-        ("adaptive",),
-        "It does not use harmonics, whose evidence is {evidence of few harmonics:.0f} nat higher.",
     ),
 )
 

@@ -38,29 +38,10 @@ DOUBTFUL = (
     "gaps",
     "mains",
 )
-REVERSED = (
-    "No joint has a negative stiffness. The torque's sign is probably reversed: add --torque-sign "
-    "-1 (in Python torque_sign=-1), or leave it out if it is there. If the sign is right, the "
-    "actuator is compliant: record its command."
-)
-WRONG = {  # faults that make every method's stiffness wrong, causes before their consequences
-    "same-channel": "Angle and torque are one signal. Name two channels: --angle, --torque.",
-    "too-soft": "No joint is so soft: {what}. Angle and torque may be swapped, or one may be "
-    "another signal (--angle, --torque). Or leave out --torque-unit Nmm, if it is there.",
-    "too-stiff": "No joint is so stiff: {what}. Leave out --angle-unit deg, if it is there. Or add "
-    "--torque-unit Nmm.",
-    "angle-unit": "The movement is too large for radians: {what}. Read degrees with --angle-unit "
-    "deg.",
-    "reversed-torque": REVERSED,
-    "wrong-period": "The movement does not repeat with this period: {what}. Cut this way, changes "
-    "of stiffness cancel out. Check --period and --rate.",
-}
-LOOP = {  # faults that make the stiffness wrong unless the method has a reference
-    "loop-bias": "The torque moves the angle (a closed loop): {what}.",
-    "feedback": "Noise in the torque moves the angle (a closed loop), which biases every method, "
-    "or one channel was filtered alone. Record the actuator's command, and identify with it: "
-    "--channel command=… --method kbr:reference=command,weighting=residual.",
-}
+# Faults that make every method's stiffness wrong, and those that do so without a reference.
+WRONG = ("same-channel", "torque-unit", "angle-unit", "reversed-torque", "wrong-period")
+LOOP = ("loop-bias", "feedback")
+EFFECTS_OF_UNIT = {"angle-unit", "reversed-torque"}
 UNPREDICTED = (
     "The model predicts none of the torque of held-out realizations. Check the channels (--angle, "
     "--torque), or record more."
@@ -100,17 +81,18 @@ def trust_in(
     """
     known = held_out_vaf[np.isfinite(held_out_vaf)]
     folds = model.diagnostics.details.get("vaf_folds", math.nan)
-    typical_vaf = np.median(known) if known.size else folds
+    typical_vaf, mean = np.median(known) if known.size else folds, mean_of(model.stiffness)
     measured, diagnosis = recommendation.measured, recommendation.diagnosis
     faults = {} if diagnosis is None else {each.name: each for each in diagnosis.findings}
     has_reference = any(item.kind == "reference" for item in method.inputs)
-    unnamed, loop = recommendation.unnamed_references, _described(LOOP, faults)
-    wrong = _described(WRONG, _with_one_cause(faults))
-    if not wrong and mean_of(model.stiffness) < 0:
-        wrong.append(REVERSED)
-    if has_reference:
-        loop = []
-    elif "wrong-period" not in faults:  # with a wrong period, any channel seems to move the joint
+    unnamed = recommendation.unnamed_references
+    loop = [] if has_reference else [_reason(faults[name]) for name in LOOP if name in faults]
+    wrong = [_reason(faults[name]) for name in WRONG if name in faults.keys() - _effects(faults)]
+    if mean < 0 and not wrong:
+        what = f"the mean stiffness is {mean:.3g} N·m/rad"
+        wrong = [_reason(Finding("reversed-torque", mean, what))]
+    # With a wrong period, any channel seems to move the joint.
+    if not has_reference and "wrong-period" not in faults:
         wrong = [*unnamed, *wrong]
     if not (is_suited or unnamed):
         wrong += loop
@@ -133,25 +115,22 @@ def trust_in(
     return Trust("doubtful" if doubts else "good", (*doubts, *cautions))
 
 
-def _with_one_cause(faults: Mapping[str, Finding]) -> dict[str, Finding]:
-    """Return the faults, with one cause of an impossible stiffness.
+def _effects(faults: Mapping[str, Finding]) -> set[str]:
+    """Return the faults that are effects of another one, where a stiffness is impossible.
 
     Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
     another signal in place of the torque, make it much softer.
     """
     if "torque-unit" not in faults:
-        return dict(faults)
-    size = faults["torque-unit"].value
-    if "angle-unit" in faults and math.degrees(size) > MIN_STIFFNESS:
-        return {name: each for name, each in faults.items() if name != "torque-unit"}
-    explained = ("torque-unit", "angle-unit", "reversed-torque")
-    others = {name: each for name, each in faults.items() if name not in explained}
-    return others | {"too-stiff" if size > MIN_STIFFNESS else "too-soft": faults["torque-unit"]}
+        return set()
+    is_degrees = math.degrees(faults["torque-unit"].value) > MIN_STIFFNESS
+    return {"torque-unit"} if "angle-unit" in faults and is_degrees else EFFECTS_OF_UNIT
 
 
-def _described(texts: Mapping[str, str], faults: Mapping[str, Finding]) -> list[str]:
-    """Return the texts for the faults that were found."""
-    return [text.format(what=faults[name].what) for name, text in texts.items() if name in faults]
+def _reason(found: Finding) -> str:
+    """Return what was found and what to do, as sentences."""
+    what = found.what.partition(";")[0]
+    return f"{found.fault.title}: {what}. {sentence(found.fault.remedy)}"
 
 
 def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
@@ -166,8 +145,7 @@ def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iter
         yield f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}."
     for found in (faults[name] for name in DOUBTFUL if name in faults):
         if found.name != "delay" or abs(found.value) > MAX_DELAY_MS:
-            what = found.what.partition(";")[0]
-            yield f"{found.fault.title}: {what}. {sentence(found.fault.remedy)}"
+            yield _reason(found)
 
 
 def sentence(text: str) -> str:

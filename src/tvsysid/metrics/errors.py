@@ -16,14 +16,19 @@ from tvsysid.numerics import Array
 Value = Any  # a number; with many sets of weights an array with one for each
 
 
-def _trials(estimates: ArrayLike) -> Array:
-    """Return estimates as (trial, time)."""
+def _checked(estimates: ArrayLike, over_time: ArrayLike | None = None) -> tuple[Array, Array]:
+    """Return estimates as (trial, time), and what has a value for each time.
+
+    By default, that is the mean over trials.
+    """
     values = np.asarray(estimates, dtype=np.float64)
-    if values.ndim != 2 or values.size == 0:
+    own = np.mean(values, axis=0) if over_time is None else np.asarray(over_time, np.float64)
+    if values.ndim != 2 or values.size == 0 or own.shape != values.shape[1:]:
         raise InputError(
-            f"estimates: expected an array of axes (trial, time), got shape {values.shape}"
+            f"expected estimates of axes (trial, time), got shape {values.shape}, and one value "
+            f"for each time, got shape {own.shape}"
         )
-    return values
+    return values, own
 
 
 def _errors(estimates: ArrayLike, truth: ArrayLike | None = None) -> Array:
@@ -32,12 +37,7 @@ def _errors(estimates: ArrayLike, truth: ArrayLike | None = None) -> Array:
     Without a truth, they are the deviations from the mean over trials. If there is no such time,
     each trial has a single NaN.
     """
-    values = _trials(estimates)
-    true = values.mean(axis=0) if truth is None else np.asarray(truth, dtype=np.float64)
-    if true.shape != values.shape[1:]:
-        raise InputError(
-            f"truth: expected one value for each of {values.shape[1]} times, got shape {true.shape}"
-        )
+    values, true = _checked(estimates, truth)
     known = np.isfinite(values).all(axis=0)
     return (values - true)[:, known] if known.any() else np.full((len(values), 1), np.nan)
 
@@ -76,7 +76,7 @@ def left_out(estimates: ArrayLike) -> int:
     >>> left_out([[np.nan, 1.0, 2.0], [np.nan, 1.0, np.nan]])
     2
     """
-    return int(np.count_nonzero(~np.isfinite(_trials(estimates)).all(axis=0)))
+    return int(np.count_nonzero(~np.isfinite(_checked(estimates)[0]).all(axis=0)))
 
 
 def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
@@ -110,7 +110,7 @@ def debiased_bias_error(
     M, is that variance times (M - 1) / M. Arguments and result are those of :func:`bias_error`; NaN
     for a single trial.
     """
-    others = len(_trials(estimates)) - 1 or np.nan
+    others = len(_checked(estimates)[0]) - 1 or np.nan
     random_part = np.square(random_error(estimates, weights)) / others
     squares = np.square(bias_error(estimates, truth, weights)) - random_part
     return np.sqrt(np.maximum(0.0, squares))[()]
@@ -187,13 +187,7 @@ def rise_time(
     >>> float(rise_time(time, [[50.0, 50.0, 70.0, 130.0, 150.0]]))
     0.2
     """
-    values = _trials(estimates)
-    times = np.asarray(time, dtype=np.float64)
-    if times.shape != values.shape[1:]:
-        raise InputError(
-            f"time: expected one value for each of {values.shape[1]} estimates, got shape "
-            f"{times.shape}"
-        )
+    values, times = _checked(estimates, time)
     near = np.abs(times - switch) <= within + 1e-9
     times, mean = times[near], weighted_mean(values[:, near], weights)
     above = mean > high
@@ -224,13 +218,7 @@ def coverage(
     >>> float(coverage([[0.0, 1.0], [2.0, 1.0]], [[2.0, 3.0], [4.0, 3.0]], [1.0, 2.0]))
     75.0
     """
-    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
-    true = np.asarray(truth, dtype=np.float64)
-    if low.ndim != 2 or low.shape != high.shape or low.size == 0 or true.shape != low.shape[1:]:
-        raise InputError(
-            "coverage: expected lower and upper of axes (trial, time) and a truth for each time, "
-            f"got shapes {low.shape}, {high.shape} and {true.shape}"
-        )
+    (low, true), (high, _) = _checked(lower, truth), _checked(upper, truth)
     known = np.isfinite(low) & np.isfinite(high)
     return share_covered(np.where(known, (low <= true) & (true <= high), np.nan), weights)
 

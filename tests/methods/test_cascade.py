@@ -8,17 +8,16 @@ from tests.independent import ensemble_of, imposed
 from tests.reflexive import reflexive
 
 import tvsysid as tv
-from tvsysid.methods.cascade import data as fitted
+from tvsysid.methods.cascade import columns as fitted
 from tvsysid.methods.cascade.columns import (
+    Data,
     deviations,
     intrinsic_filters,
     intrinsic_signals,
     muscle,
     second_order_fit,
 )
-from tvsysid.methods.cascade.data import Data
-from tvsysid.methods.cascade.evidence import log_evidence, ridge
-from tvsysid.methods.cascade.fit import Fit, Regression
+from tvsysid.methods.cascade.fit import Fit, Regression, log_evidence, ridge
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation

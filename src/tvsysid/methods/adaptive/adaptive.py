@@ -19,9 +19,8 @@ from tvsysid.methods.adaptive.signals import (
     Signals,
     select_reflex,
 )
-from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.cascade import JointCascade, contradicted
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
-from tvsysid.methods.cascade.result import contradicted
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.signals import Array, Ensemble

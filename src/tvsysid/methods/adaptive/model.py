@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from tvsysid.dataset_layout import Labelled
 from tvsysid.methods.adaptive.posterior import Hypothesis, Mixture, Posterior
 from tvsysid.methods.adaptive.search import CLOSE
-from tvsysid.methods.cascade.result import JointCascadeModel
+from tvsysid.methods.cascade.cascade import JointCascadeModel
 from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
 from tvsysid.signals import Ensemble

@@ -7,9 +7,8 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import missing_edge
-from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.cascade import JointCascade, JointCascadeModel, model_of
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
-from tvsysid.methods.cascade.result import JointCascadeModel, model
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.methods.shared import HALF_WIDTH, independent_realizations
 from tvsysid.numerics import Array
@@ -79,7 +78,7 @@ class Signals:
             edges=(data.times.start, ensemble.samples - data.times.stop),
             independent=len(data.torque) - 1,
             prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
-            reflex=model(method, selection),
+            reflex=model_of(method, selection),
             change_covariance=change @ fit.covariance[: data.own, : data.own] @ change.T,
         )
 

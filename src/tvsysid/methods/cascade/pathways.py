@@ -212,8 +212,8 @@ def explained_shares(torque: Array, pathways: Mapping[str, Array]) -> dict[str, 
     parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
     parts |= {f"vaf_{name}": part for name, part in pathways.items()}
     known = np.isfinite(parts["vaf"])
-    power = float(np.sum(torque[known] ** 2))
-    return {
-        name: 100 * (1 - float(np.sum((torque - part)[known] ** 2)) / power)
-        for name, part in parts.items()
-    }
+
+    def power(values: Array) -> float:
+        return float(np.sum(values[known] ** 2))
+
+    return {name: 100 * (1 - power(torque - each) / power(torque)) for name, each in parts.items()}

@@ -15,10 +15,16 @@ from scipy.linalg import block_diag
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import fitting_lags
-from tvsysid.methods.cascade.columns import deviations, readout
-from tvsysid.methods.cascade.data import Data
-from tvsysid.methods.cascade.evidence import USUAL_PARAMETERS
-from tvsysid.methods.cascade.fit import DAMPING, DELAY, FREQUENCY, THRESHOLD, Fit, Regression
+from tvsysid.methods.cascade.columns import Data, deviations, readout
+from tvsysid.methods.cascade.fit import (
+    DAMPING,
+    DELAY,
+    FREQUENCY,
+    THRESHOLD,
+    USUAL_PARAMETERS,
+    Fit,
+    Regression,
+)
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
 from tvsysid.methods.cascade.reflex_test import (
     MAX_P_VALUE,
@@ -122,23 +128,22 @@ class Search:
         """Return the regression with the named reflex."""
         return Regression(data, None if name == "none" else partial(self._past, name), shape)
 
-    def free(self, name: str) -> list[int]:
-        """Return the numbers of the named reflex's shape that are estimated."""
-        numbers = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
-        return [] if name == "none" else numbers + [DELAY] * (self.delay == "fit")
-
     def _started(self, name: str) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
         usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
         delays = DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
         thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
-        regressions = (
-            self.regression(name, self.data.constant, _shape(*each))
+        free = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
+        free += [DELAY] * (self.delay == "fit")
+        fits = [
+            Fit(
+                self.regression(name, self.data.constant, _shape(*each)),
+                [] if name == "none" else free,
+                USUAL_PARAMETERS,
+            )
             for each in product(delays, FREQUENCIES, thresholds)
-        )
-        return _best(
-            Fit(each, self.free(name), USUAL_PARAMETERS) for each in regressions
-        ).improved()
+        ]
+        return _best(fits).improved()
 
     def fits(self, names: Iterable[str]) -> dict[str, Fit]:
         """Return the fit with each named reflex.

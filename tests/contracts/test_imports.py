@@ -16,8 +16,8 @@ import tvsysid
 PACKAGE = Path(tvsysid.__file__).parent
 # From the bottom up. A file imports from lower floors, or from other rooms of its own floor.
 FLOORS = [
-    ["errors", "numerics", "progress"],
-    ["validators", "arrays", "signals", "models", "dataset_layout"],
+    ["errors", "validators", "numerics", "progress"],
+    ["arrays", "signals", "models", "dataset_layout"],
     ["recordings", "preprocess", "simulate", "metrics"],
     ["methods"],
     ["quality"],

@@ -18,21 +18,26 @@ pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
             tv.ShortDataSegments(),
             1,
             False,
-            "windows over 1 realization hold 11 independent samples for 25 lags",
+            "windows hold 11 samples of 1 independent realizations for 25 lags",
         ),
         (
             tv.ShortDataSegments(),
             7,
             True,
-            "windows over 7 realizations (6 independent, as their mean is subtracted) hold 66",
+            "windows hold 66 samples of 6 independent realizations for 25 lags",
         ),
         (
             tv.EnsembleIRF(0.04),
             10,
             True,
-            "10 realizations (9 independent, as their mean is subtracted) are no more than the 9",
+            "9 independent realizations are no more than the 9 lags",
         ),
-        (tv.EnsembleSpectral(), 1, False, "1 realization tell nothing of the noise at 0 Hz"),
+        (
+            tv.EnsembleSpectral(),
+            1,
+            False,
+            "one independent realization tells nothing of the noise at 0 Hz",
+        ),
     ],
 )
 def test_too_little_data_has_no_band_and_says_why(method, realizations, subtracted, message):

@@ -95,16 +95,6 @@ def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(
         assert np.abs(own.stiffness - fixed.stiffness).max() < 0.2
 
 
-def test_a_scale_that_is_given_depends_on_no_data(ensemble_of):
-    ensemble = ensemble_of(40.0)
-    softer = attrs.evolve(ensemble, torque=0.01 * ensemble.torque)
-    one = tv.KernelRegression(scale=DEGREE).identify(ensemble)
-    same = tv.KernelRegression(scale=0.01 * DEGREE).identify(softer)
-    np.testing.assert_allclose(same.stiffness, 0.01 * one.stiffness, rtol=1e-9)
-    other = tv.KernelRegression(scale=DEGREE).identify(softer)
-    assert np.abs(other.stiffness - 0.01 * one.stiffness).max() > 0.01
-
-
 @pytest.mark.parametrize(
     ("settings", "rate"),
     [

@@ -41,11 +41,6 @@ def quietly(key, ensemble):
         return tv.methods.parse(key).identify(ensemble)
 
 
-@pytest.mark.parametrize("key", ["sds", "esm", "kbr"])
-def test_ringing_misleads_methods_that_follow_changes(struck, key):
-    assert np.nanmean(quietly(key, struck).stiffness) < 0.85 * STIFFNESS
-
-
 def test_ringing_does_not_mislead_a_method_of_a_constant_joint(struck):
     assert np.nanmean(quietly("pc", struck).stiffness) == pytest.approx(STIFFNESS, rel=0.03)
 

@@ -7,9 +7,7 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods.shared.residuals import independent_share
 from tvsysid.methods.tuning import halves
-from tvsysid.numerics.noise import white_share
 
 METHODS = [
     tv.EnsembleIRF(),
@@ -66,15 +64,6 @@ def test_a_tuned_method_is_the_method_with_other_settings_and_the_evidence_for_t
         for each in (method, tuned)
     ]
     assert errors[1] <= 1.05 * errors[0]
-
-
-@pytest.mark.slow
-@each_method
-def test_tuning_repeats(few_deals, method):
-    ensemble = ensemble_of(40.0, "square", "noise")
-    first, second = tuned_to_a_square_wave(method), method.tuned(ensemble)
-    np.testing.assert_array_equal(first.evidence.values, second.evidence.values)
-    assert first.method == second.method
 
 
 def test_the_seed_deals_the_halves(few_deals):
@@ -170,17 +159,6 @@ def test_a_method_that_tunes_itself():
 
 
 # Basis: what samples are worth.
-
-
-@pytest.mark.parametrize(("alike", "share"), [(1, 1.0), (10, 0.1)])
-def test_samples_of_noise_that_lasts_are_worth_less(random, alike, share):
-    noise = np.repeat(random.normal(size=(60, 400 // alike)), alike, axis=1)
-    slow = np.repeat(random.normal(size=(60, 4)), 100, axis=1)
-    ensemble = tv.Ensemble(slow, noise, 100.0)
-    worth = independent_share(ensemble, np.zeros_like(noise), (0.0, 50.0))
-    # An angle that lasts ten times as long, not for ever, leaves the noise a little more.
-    assert share <= worth < 1.4 * share + 0.01
-    assert worth == pytest.approx(white_share(noise, slow, 100.0, (0.0, 50.0)))
 
 
 def test_a_basis_is_chosen_by_its_function_not_by_its_size():

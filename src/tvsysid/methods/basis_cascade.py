@@ -7,7 +7,7 @@ import numpy as np
 
 from tvsysid.methods import birf, shared
 from tvsysid.methods.cascade import alternating
-from tvsysid.numerics.bases import Basis, CubicBSplines, check_basis, evaluate
+from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, one_of, optional, positive, text
@@ -81,9 +81,7 @@ class BasisCascade(alternating.AlternatingCascade):
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
     memory: float = attrs.field(default=0.5, validator=positive)
-    basis: Basis = attrs.field(
-        factory=CubicBSplines, validator=lambda method, _, basis: check_basis(method, basis)
-    )
+    basis: Basis = attrs.field(factory=CubicBSplines, validator=A_BASIS)
     prior: birf.Prior = attrs.field(default="ridge", validator=one_of(birf.Prior))
     emg: str | None = attrs.field(default=None, validator=optional(text))
     slow_order: int | None = attrs.field(default=None, validator=optional(at_least(0)))

@@ -15,11 +15,11 @@ from tvsysid.methods import base, shared, tuning
 from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bases import (
+    A_BASIS,
     Basis,
     CubicBSplines,
     FourierSeries,
     HaarWavelets,
-    check_basis,
     evaluate,
 )
 from tvsysid.numerics.moments import expanded
@@ -90,9 +90,7 @@ class BasisIRF(shared.ByReference):
     """
 
     max_lag: float = attrs.field(default=0.12, validator=positive)
-    basis: Basis = attrs.field(
-        factory=CubicBSplines, validator=lambda method, _, basis: check_basis(method, basis)
-    )
+    basis: Basis = attrs.field(factory=CubicBSplines, validator=A_BASIS)
     model: Structure = attrs.field(default="parametric", validator=one_of(Structure))
     prior: Prior = attrs.field(default="ard", validator=one_of(Prior))
     reference: str | None = None

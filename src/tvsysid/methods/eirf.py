@@ -85,8 +85,8 @@ class EnsembleIRF(Method):
         windows = shared.solve_windows(ensemble, lags, 0, self._solve)
         unknowns, independent = 2 * lags + 1, shared.independent_realizations(ensemble)
         why = (
-            f"{shared.counted(ensemble)} are no more than the {unknowns} lags: the noise cannot be "
-            "separated from the joint's response; record more, or shorten max_lag"
+            f"{independent} independent realizations are no more than the {unknowns} lags: the "
+            "noise cannot be separated from the joint's response; record more, or shorten max_lag"
         )
         enough = np.full(len(windows.weights), independent > unknowns)
         return shared.window_model(ensemble, windows, enough, why)

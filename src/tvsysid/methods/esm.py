@@ -136,7 +136,7 @@ class EnsembleSpectral(shared.ByReference):
                 warned = _leaking(stiffness, impedance[:, 0])
                 impedance = np.column_stack([stiffness, impedance[:, 1:]])
                 at_rest = _variance_at_rest(angle, torque, stiffness, realizations)
-            errors = partial(segment_errors, segments, at_rest, missing, shared.counted(ensemble))
+            errors = partial(segment_errors, segments, at_rest, missing)
         else:
             with_angle = shared.short_time_spectra(z, angle, length, along)
             response *= _angle_ratio(with_angle, realizations)
@@ -237,22 +237,21 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
 
 
 def segment_errors(
-    fit: shared.SegmentFit, at_rest: Array | None, missing: tuple[int, int], counted: str
+    fit: shared.SegmentFit, at_rest: Array | None, missing: tuple[int, int]
 ) -> dict[str, shared.StandardError]:
     """Return the standard errors of the second-order fit to segments, and at 0 Hz.
 
     ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it.
-    ``missing`` is the number of times at either end without a segment. ``counted`` describes the
-    number of realizations in words.
+    ``missing`` is the number of times at either end without a segment.
     """
-    variances, realizations = fit.variances(), fit.realizations
-    freedom, absent = np.full(variances.shape, fit.freedom), ""
+    variances, absent = fit.variances(), ""
+    freedom = np.full(variances.shape, fit.freedom)
     if at_rest is not None:
-        variances[:, 0], freedom[:, 0] = at_rest, max(realizations - 1, 1)
-        if realizations < MIN_REALIZATIONS_AT_REST:
+        variances[:, 0], freedom[:, 0] = at_rest, max(fit.realizations - 1, 1)
+        if fit.realizations < MIN_REALIZATIONS_AT_REST:
             absent = (
-                f"{counted} tell nothing of the noise at 0 Hz: there is one number of each; record "
-                "more, or set stiffness to 'fit'"
+                "one independent realization tells nothing of the noise at 0 Hz; record more, or "
+                "set stiffness to 'fit'"
             )
             variances[:, 0] = np.nan
     values, freedom = (base.padded(each, *missing) for each in (np.sqrt(variances), freedom))

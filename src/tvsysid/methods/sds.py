@@ -91,8 +91,8 @@ class ShortDataSegments(shared.ByReference):
         enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
         enough &= independent >= MIN_REALIZATIONS
         why = (
-            f"windows over {shared.counted(ensemble)} hold {windows.independent.max():.0f} "
-            f"independent samples for {unknowns} lags, where {MIN_SAMPLES_PER_LAG} for each and "
+            f"windows hold {windows.independent.max():.0f} samples of {independent} independent "
+            f"realizations for {unknowns} lags, where {MIN_SAMPLES_PER_LAG} for each and "
             f"{MIN_REALIZATIONS} realizations are needed to estimate the noise; record more, "
             "shorten max_lag, or lengthen window"
         )

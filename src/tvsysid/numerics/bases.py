@@ -20,6 +20,7 @@ from numpy.polynomial import chebyshev, legendre
 
 from tvsysid.errors import InputError
 from tvsysid.numerics import Array
+from tvsysid.validators import Validator, at_least, positive
 
 Basis = Callable[[Array], Array]
 
@@ -65,21 +66,9 @@ def chebyshev_of(values: Array, limits: tuple[float, float], count: int) -> Arra
     return np.asarray(chebyshev.chebvander(mapped, count - 1))
 
 
-def check_basis(method: object, basis: object) -> None:
-    """Raise for a setting that cannot be a basis."""
-    if not callable(basis):
-        raise InputError(
-            f"{type(method).__name__}: basis must be a callable from normalised time to values, "
-            f"got {basis!r}; for example CubicBSplines(10)"
-        )
-
-
-def _check_count(basis: object, functions: int, least: int = 1) -> None:
-    if not isinstance(functions, (int, np.integer)) or functions < least:
-        raise InputError(
-            f"{type(basis).__name__}: functions must be a whole number of at least {least}, got "
-            f"{functions!r}"
-        )
+A_BASIS = Validator(
+    "a callable from normalised time to values, such as CubicBSplines(10)", callable
+)
 
 
 @attrs.frozen
@@ -95,11 +84,8 @@ class CubicBSplines:
     array([1., 1., 1., 1., 1.])
     """
 
-    functions: int = 10
+    functions: int = attrs.field(default=10, validator=at_least(4))
     periodic: bool = False
-
-    def __attrs_post_init__(self) -> None:
-        _check_count(self, self.functions, 4)
 
     def __call__(self, time: Array) -> Array:
         """Values at normalised times, shape (time, function)."""
@@ -122,14 +108,9 @@ class GaussianBumps:
     wrap round; otherwise the outer ones lie on the ends.
     """
 
-    functions: int = 10
-    width: float = 0.1
+    functions: int = attrs.field(default=10, validator=at_least(1))
+    width: float = attrs.field(default=0.1, validator=positive)
     periodic: bool = False
-
-    def __attrs_post_init__(self) -> None:
-        _check_count(self, self.functions)
-        if not (math.isfinite(self.width) and self.width > 0):
-            raise InputError(f"GaussianBumps: width must be a positive number, got {self.width!r}")
 
     def __call__(self, time: Array) -> Array:
         """Values at normalised times, shape (time, function)."""
@@ -157,11 +138,8 @@ class HaarWavelets:
            [ 1.        , -1.        ,  0.        , -1.41421356]])
     """
 
-    functions: int = 16
+    functions: int = attrs.field(default=16, validator=at_least(1))
     periodic: ClassVar[bool] = True
-
-    def __attrs_post_init__(self) -> None:
-        _check_count(self, self.functions)
 
     def __call__(self, time: Array) -> Array:
         """Values at normalised times, shape (time, function)."""
@@ -182,11 +160,8 @@ class FourierSeries:
     These are 2 x harmonics + 1 functions.
     """
 
-    harmonics: int = 4
+    harmonics: int = attrs.field(default=4, validator=at_least(0))
     periodic: ClassVar[bool] = True
-
-    def __attrs_post_init__(self) -> None:
-        _check_count(self, self.harmonics, 0)
 
     def __call__(self, time: Array) -> Array:
         """Values at normalised times, shape (time, function)."""
@@ -197,12 +172,9 @@ class FourierSeries:
 
 @attrs.frozen
 class _Polynomials:
-    functions: int = 10
+    functions: int = attrs.field(default=10, validator=at_least(1))
     periodic: ClassVar[bool] = False
     _vander: ClassVar[staticmethod[..., Any]]
-
-    def __attrs_post_init__(self) -> None:
-        _check_count(self, self.functions)
 
     def __call__(self, time: Array) -> Array:
         return np.asarray(self._vander(2 * time - 1, self.functions - 1))

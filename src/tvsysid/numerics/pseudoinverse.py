@@ -51,18 +51,20 @@ def truncated(
     """
     vectors, projections, reciprocal = _spectrum(phi_uu, phi_uy)
     explained = projections**2 * reciprocal
-    place: NDArray[np.int64] | None = None
     if order == "output":
         ranking = np.argsort(-explained, axis=1, kind="stable")
-        explained = np.take_along_axis(explained, ranking, axis=1)
-        place = np.argsort(ranking, axis=1)
+        explained, projections, reciprocal = (
+            np.take_along_axis(each, ranking, axis=1)
+            for each in (explained, projections, reciprocal)
+        )
+        vectors = np.take_along_axis(vectors, ranking[:, None], axis=2)
     counts = np.arange(1, explained.shape[1] + 1)
     length = np.broadcast_to(np.asarray(samples, dtype=float), y_variance.shape)[:, None]
     cost = (1 + counts * np.log(length) / length) * (
         y_variance[:, None] - np.cumsum(explained, axis=1)
     )
     cost[counts > np.count_nonzero(reciprocal, axis=1)[:, None]] = np.inf
-    return _solution(vectors, projections, reciprocal, np.argmin(cost, axis=1) + 1, place)
+    return _solution(vectors, projections, reciprocal, np.argmin(cost, axis=1) + 1)
 
 
 def full(phi_uu: Array, phi_uy: Array, least: float = 0.0) -> Solution:
@@ -92,18 +94,10 @@ def _spectrum(phi_uu: Array, phi_uy: Array, least: float = 0.0) -> tuple[Array, 
 
 
 def _solution(
-    vectors: Array,
-    projections: Array,
-    reciprocal: Array,
-    rank: NDArray[np.int64],
-    place: NDArray[np.int64] | None = None,
+    vectors: Array, projections: Array, reciprocal: Array, rank: NDArray[np.int64]
 ) -> Solution:
-    """Return the solution from the first ``rank`` eigenvalues.
-
-    ``place`` is the position of each eigenvalue where the order is not from the largest on.
-    """
-    place = np.arange(reciprocal.shape[1])[None] if place is None else place
-    kept = np.where(place < rank[:, None], reciprocal, 0.0)
+    """Return the solution from the first ``rank`` eigenvalues."""
+    kept = np.where(np.arange(reciprocal.shape[1]) < rank[:, None], reciprocal, 0.0)
     weights = (vectors @ (projections * kept)[..., None])[..., 0]
     inverse = (vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1)
     explained = np.sum(projections**2 * reciprocal, axis=1)

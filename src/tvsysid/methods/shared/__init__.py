@@ -6,7 +6,6 @@ from tvsysid.methods.shared.instrument import LEAST, ByReference
 from tvsysid.methods.shared.residuals import (
     Colour,
     colour_products,
-    counted,
     independent_realizations,
     independent_share,
     posterior_errors,

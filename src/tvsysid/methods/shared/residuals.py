@@ -40,17 +40,6 @@ def independent_realizations(ensemble: Ensemble) -> int:
     return max(1, len(ensemble) - ensemble.mean_subtracted)
 
 
-def counted(ensemble: Ensemble) -> str:
-    """Describe the number of realizations, and how many of them are independent."""
-    count, independent = len(ensemble), independent_realizations(ensemble)
-    words = f"{count} realization{'s' * (count > 1)}"
-    return (
-        words
-        if independent == count
-        else f"{words} ({independent} independent, as their mean is subtracted)"
-    )
-
-
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
     """Return the effective fraction of independent samples for stiffness.
 

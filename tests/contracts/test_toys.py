@@ -65,14 +65,11 @@ def test_takes_part_in_a_comparison(toy):
     _, ensemble = simulated(toy)
     found = tv.compare(ensemble, [toy(), "sds"])
     assert list(found.models) == [toy.__name__, "sds"]
-    model = found.models[toy.__name__]
     assert found.vaf[toy.__name__].mean() > 80
-    for name, (lower, upper) in found.bands[toy.__name__].items():
-        assert lower.shape == upper.shape == model.over_time(name).shape
-    if toy is Recursive:  # the mean of realizations has no band
-        assert np.isnan(found.bands["Recursive"]["stiffness"]).all()
+    lower, _ = found.bands[toy.__name__]["stiffness"]
+    # The mean of realizations has no band
+    assert np.isnan(lower).all() == (toy in (Recursive, Scheduled))
     assert np.isfinite(found.summary()["stiffness (N·m/rad)"]).all()
-    assert set(found.over_time().columns) > {"time_s", "method", *found.bands[toy.__name__]}
 
 
 @pytest.mark.parametrize("toy", [Scheduled, Instrumental])

@@ -56,15 +56,13 @@ class Toy(tv.Method):
         }
         return self.model_of(ensemble, values, estimates)
 
-    def model_of(self, ensemble, parameters, estimates, coordinates=None):
+    def model_of(self, ensemble, parameters, estimates, **further):
         def pathways(other):
             torques = parameters.reshape(len(parameters), 1, -1) * self.regressors(other)
             reflex = {"reflex": torques[3]} if "reflex_gain" in estimates else {}
             return {"intrinsic": torques.sum(axis=0) - sum(reflex.values())} | reflex
 
-        return tv.Model.of(
-            ensemble, estimates=estimates, coordinates=coordinates, pathways=pathways
-        )
+        return tv.Model.of(ensemble, estimates=estimates, pathways=pathways, **further)
 
 
 class Cascade(Toy):
@@ -119,13 +117,8 @@ class Scheduled(Toy):
             "stiffness": stiffness(emg, "realization", "time"),
             "stiffness_at_emg": stiffness(levels, "emg"),
         }
-        for place, name in enumerate(IMPEDANCE[1:], 1):
-            error = StandardError(
-                np.full(ensemble.samples, covariance[place, place] ** 0.5), np.inf
-            )
-            constant = np.full(ensemble.samples, values[place])
-            estimates[name] = Estimate(constant, UNITS[name], error=error)
-        return self.model_of(ensemble, values, estimates, {"emg": levels})
+        impedance = dict(zip(IMPEDANCE[1:], values[1:], strict=False))
+        return self.model_of(ensemble, values, estimates, coordinates={"emg": levels}, **impedance)
 
 
 class Instrumental(Toy):

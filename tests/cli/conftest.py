@@ -1,5 +1,6 @@
 """How a simulated recording is identified on the command line."""
 
+import importlib
 import re
 
 import pytest
@@ -28,6 +29,8 @@ def not_held_out(monkeypatch):
 @pytest.fixture
 def only_identified(monkeypatch, not_held_out):
     """Nor with diagnosis and recommendation, which take longer than most methods."""
+
+    importlib.import_module("tvsysid.studies.van_de_ruit_2021.folder")  # with the true diagnosis
 
     def undiagnosed(*given, **words):
         raise InputError("it is not diagnosed")

@@ -23,7 +23,7 @@ def test_benchmark(benchmark, tvsysid, tmp_path, request):
     words = "--trials 2 --duration 40 --method sds --method esm:window=0.4"
     code, out, err, table = benchmark(words)
     assert (code, err) == (0, "")
-    assert "square-wave stiffness, filtered noise, 40 s, 10 dB, 2 trials" in out
+    assert "square-noise-40s-10dB" in out
     rows = table[(table.method == "sds") & (table.quantity == "stiffness")].groupby("metric").value
     shown = next(line for line in out.splitlines() if line.startswith("sds ")).split()
     assert float(shown[2]) == pytest.approx(rows.first()["bias_error"], abs=0.05)

@@ -84,7 +84,7 @@ def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
     code, out, err = tvsysid(f"identify {words} --out found")
     assert code == 0, err
     assert "1 realization" in out
-    assert "of five folds held out" in out
+    assert "VAF, five folds" in out
     table = pd.read_csv("found/scheduled.csv")
     assert set(table.method) == {"lpv", "lpvkbi"}
     stiffness = table[(table.quantity == "scheduled_stiffness") & (table.method == "lpvkbi")]

@@ -16,8 +16,6 @@ from tvsysid.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-MAX_TABLES = 4  # scenarios whose table is printed; the report has all
-
 
 @attrs.frozen
 class Settings:
@@ -120,7 +118,6 @@ def benchmark(
     out
         Folder for the results.
     """
-    from tvsysid.figures.words import described
     from tvsysid.studies import preset as study_called
     from tvsysid.study import Study
 
@@ -133,7 +130,7 @@ def benchmark(
         study = study_called(preset or "quick", **options)
     if dry_run:
         for scenario in study.scenarios:
-            say(described({**scenario._asdict(), "profile": scenario.stiffness}))
+            say(scenario.label)
         trials = f"{study.trials} trials of each of {len(study.scenarios)} scenarios"
         return show_plan(study, workers, f"{trials}, seed {study.seed}")
     return write(run_study(study, out, workers), out, command_line())
@@ -141,19 +138,10 @@ def benchmark(
 
 def write(results: xr.Dataset, out: Path, command: str) -> int:
     """Write tables, figures and report, print a summary, and return the exit code."""
-    from tvsysid.figures.words import count, described
     from tvsysid.studies import published, write_study
 
     literature = published(results)
     with errors.status("scoring and drawing"):
         written = write_study(results, out, literature, command)
-    tables = []
-    for _, summary in written.summary.groupby("scenario", sort=False):
-        scenario = {**summary.iloc[0], "profile": summary.stiffness.iloc[0]}
-        title = f"{described(scenario)}, {count(summary.trials.max(), 'trial')}"
-        tables.append((title, summary))
     need = f"other scenarios: --preset {', '.join(literature.presets)}"
-    code = show_study(tables[:MAX_TABLES], written, results, out, need)
-    if more := len(tables[MAX_TABLES:]):
-        say(f"and {more} more scenarios in summary.csv and report.html")
-    return code
+    return show_study(written, results, out, "scenario", need)

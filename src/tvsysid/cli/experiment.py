@@ -133,13 +133,8 @@ def write(
     command: str,
 ) -> int:
     """Write tables, ensembles, figures and report, print a summary, and return the exit code."""
-    from tvsysid.figures.words import count
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
     with errors.status("scoring and drawing"):
         written = write_experiment(results, prepared, out, command)
-    tables = []
-    for perturbation, summary in written.summary.groupby("perturbation", sort=False):
-        people = count(summary.participant.nunique(), "participant")
-        tables.append((f"{perturbation}: mean over {people}", summary))
-    return show_study(tables, written, results, out, "what the report says")
+    return show_study(written, results, out, "perturbation", "what the report says")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import webbrowser
 from pathlib import Path
 
@@ -59,8 +57,7 @@ def explore(
     settings = given(**attrs.asdict(reading), **attrs.asdict(segmentation))
     page = open_page(file, port=port, method=method, align_channels=align_channels, **settings)
     say(f"{file.name} is explored at {page.url} (Ctrl-C ends it)")
-    has_screen = {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() or sys.platform != "linux"
-    if browser and has_screen:  # a text browser would take over the terminal
+    if browser:
         webbrowser.open(page.url)
     try:
         page.wait()

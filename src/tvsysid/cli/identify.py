@@ -238,22 +238,15 @@ def _account(
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",
         "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
     }
-    account = Account(
-        found,
-        held_out,
-        source=source,
-        turned=prepared.corrections,
-        unnamed_references=tuple(_unnamed_references(found, recording, file, reading)),
-    )
-    repeats = prepared.diagnosed is found.ensemble
+    repeats, reason = prepared.diagnosed is found.ensemble, ""
+    diagnosis = found.recommendation.diagnosis if repeats else None
     try:
-        diagnosis = (found.recommendation.diagnosis if repeats else None) or diagnose(
-            prepared.diagnosed, repeats=repeats
-        )
+        diagnosis = diagnosis or diagnose(prepared.diagnosed, repeats=repeats)
+        diagnosis = attrs.evolve(diagnosis, checks=(*diagnosis.checks, *prepared.findings))
     except InputError as error:
-        return attrs.evolve(account, undiagnosed=str(error).removeprefix("diagnose: "))
-    diagnosis = attrs.evolve(diagnosis, checks=(*diagnosis.checks, *prepared.findings))
-    return attrs.evolve(account, diagnosis=diagnosis)
+        reason = str(error).removeprefix("diagnose: ")
+    unnamed = tuple(_unnamed_references(found, recording, file, reading))
+    return Account(found, held_out, diagnosis, reason, source, prepared.corrections, unnamed)
 
 
 def _unnamed_references(
@@ -271,11 +264,11 @@ def _unnamed_references(
     if kinds & {"reference", "scheduling"}:
         return
     channels, ensemble = describe_file(file), found.ensemble
-    shapes = {channels.pop(name).shape for name in set(reading.names.values())}
-    others = {name: each for name, each in channels.items() if each.shape in shapes}
-    for name, channel in list(others.items())[:MAX_TESTED_CHANNELS]:
+    shape, named = channels[reading.names["angle"]].shape, {*reading.names.values()}
+    others = [name for name in channels if name not in named and channels[name].shape == shape]
+    for name in others[:MAX_TESTED_CHANNELS]:
         with suppress(InputError):  # it holds no numbers
-            values = channel.read(name).ravel(order="F")
+            values = channels[name].read(name).ravel(order="F")
             with_channel = attrs.evolve(recording, channels={name: values})
             context = ensemble.context / ensemble.sampling_rate
             cut = subtract_mean(segment(with_channel, ensemble.duration, context), [name])

@@ -19,8 +19,6 @@ from tvsysid.recordings.reading import Reading, Segmentation
 if TYPE_CHECKING:
     from tvsysid.recordings import Channel
 
-PICTURES = (".png", ".pdf", ".svg")
-
 
 def inspect(
     file: Path,
@@ -73,12 +71,10 @@ def inspect(
     """
     from tvsysid.figures import recorded_channels, save
     from tvsysid.recordings import describe_file
+    from tvsysid.recordings.write import checked
 
-    picture = plot or Path("tvsysid-inspect") / f"{file.name}.png"
-    if picture.suffix.lower() not in PICTURES:
-        raise InputError(
-            f"{picture}: unknown ending {picture.suffix!r}; give one of {', '.join(PICTURES)}"
-        )
+    default = Path("tvsysid-inspect") / f"{file.name}.png"
+    picture = checked(plot or default, ".png", ".pdf", ".svg")
     channels = describe_file(file)
     records = [{"name": name, "content": each.described} for name, each in channels.items()]
     show_table(file.name, records, {"channel": "name", "content": "content"})

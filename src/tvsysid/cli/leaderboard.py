@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tvsysid.cli.console import errors, remark, show_table, shown_warnings
+from tvsysid.cli.console import errors, show_table, shown_warnings
 from tvsysid.cli.options import Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_end
 from tvsysid.cli.running import run_study
@@ -47,20 +47,16 @@ def leaderboard(
     trials
         Trials of each scenario, fewer to try it out. [10, which the version has]
     seed
-        Seed that is kept secret; the page has its hash only. [the public one of the version]
+        Seed that is kept secret, of 20 digits or more; the page has its hash only. [the public one
+        of the version]
     out
         Folder for the results.
     """
     from tvsysid.report import problems
-    from tvsysid.studies.leaderboard import FILES, SECRET, SEED, study_of, write_leaderboard
+    from tvsysid.studies.leaderboard import FILES, study_of, write_leaderboard
 
     with shown_warnings():
         study = study_of(method or (), scenario or (), **given(trials=trials, seed=seed))
-    if SEED != study.seed < SECRET:
-        remark(
-            "warning",
-            "a seed below 2^64 can be found from its hash by trying; give one of 20 digits or more",
-        )
     results = run_study(study, out, workers)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from tvsysid.planning.setups import Setup
 
 MIN_REALIZATIONS = 20  # with fewer, plans and bands are the best case
-LARGE_EXCESS = 1.1  # ratio of pilot and simulated scatter that is printed
 PERIOD_S = 2.0
 
 
@@ -167,11 +166,6 @@ def _show(found: Plan) -> None:
         for each in answers:
             if each.why:
                 say(f"  {each.method} does not suffice: {each.why}")
-            if each.excess > LARGE_EXCESS:
-                say(
-                    f"  {each.method}: the pilot's scatter is {each.excess:.2g} times the "
-                    "simulated one; the plan allows for it"
-                )
     say(f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}")
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from tvsysid.cli.console import remark, say, say_written, show_table
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
     from tvsysid.studies.published_study import Written
@@ -28,35 +27,33 @@ SCORES = {  # names and formats, by heading
     "reflex\nVAF": "reflex pathway_vaf:.1f",
     "time": "seconds:.3f",
 }
+MAX_TABLES = 4  # that are printed; the report has all
 UNITS = (
     "stiffness and its errors in N·m/rad (those of the reflex gain in N·m·s/rad), rise and time in "
     "s, VAF in %"
 )
 
 
-def show_study(
-    tables: Iterable[tuple[str, pd.DataFrame]],
-    written: Written,
-    results: xr.Dataset,
-    out: Path,
-    need: str,
-) -> int:
+def show_study(written: Written, results: xr.Dataset, out: Path, by: str, need: str) -> int:
     """Print what was written of a study, and return the exit code: 1 if a method failed.
 
     Parameters
     ----------
-    tables
-        Title and summary of each table of scores.
+    by
+        Column of the summary with a table of scores for each value.
     need
         What the claims that were not studied need.
     """
     from tvsysid.report import problems
 
-    for title, summary in tables:
-        labels = [name for name in ("method", "realizations") if name in summary]
+    groups = written.summary.groupby(by, sort=False)
+    for name, summary in list(groups)[:MAX_TABLES]:
+        labels = [each for each in ("method", "realizations") if each in summary]
         scores = summary.pivot_table("value", labels, "metric", sort=False).reset_index()
-        show_table(title, scores.to_dict("records"), SCORES)
+        show_table(str(name), scores.to_dict("records"), SCORES)
     say(UNITS)
+    if len(groups) > MAX_TABLES:
+        say(f"and {len(groups) - MAX_TABLES} more in summary.csv and report.html")
     studied = written.claims[written.claims.verdict != "not studied"]
     missing = len(written.claims) - len(studied)
     more = f"; {missing} more need {need}" if missing else ""

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 VERSION = 1
 SEED = 1  # of the public trials; those of an official table are kept secret
 TRIALS = 10
-SECRET = 2**64  # a smaller seed could be found from its hash by trying
 DRAWS = 2000  # bootstrap draws
 MAX_TIE = 2.0  # standard errors of a difference up to which entries share a rank
 

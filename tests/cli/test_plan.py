@@ -1,7 +1,5 @@
 """`tvsysid plan`."""
 
-import re
-
 import pytest
 from scipy.io import savemat
 from tests.conftest import ensemble_of
@@ -16,7 +14,7 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     savemat(tmp_path / "pilot.mat", signals)
     code, shown, errors = tvsysid(
         "plan --pilot pilot.mat --angle angle --torque torque --rate 100 --method birf --method "
-        "sds:window=0.6 --precision 6 --resolution 0.25 --out planned --verify"
+        "sds:window=0.6 --precision 6 --resolution 0.25 --out planned"
     )
     assert (code, errors) == (0, "")
     assert "pilot: stiffness 4" in shown
@@ -25,9 +23,6 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
         "the" in shown
     )
     assert "sds:window=0.6 does not suffice: its bias alone is" in shown
-    found = re.search(r"birf.*reach ± ([\d.]+) of noise .* ± ([\d.]+) with bias", shown)
-    noise, both = map(float, found.groups())
-    assert noise < both < 7  # the bias is counted, and the wish of 6 nearly met
     assert (tmp_path / "planned" / "plan.png").read_bytes().startswith(b"\x89PNG")
     table = (tmp_path / "planned" / "plan.csv").read_text(encoding="utf-8").splitlines()
     assert table[0].startswith("setup,method,realizations,minutes")

@@ -195,7 +195,6 @@ def identify(
             recording,
             segmentation,
             centered_channels(map(parse, expand(method))),
-            method=method[0] if method else "adaptive",
             align_channels=align_channels,
             remove_mains=remove_mains,
             jobs=-1,

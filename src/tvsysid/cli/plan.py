@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tvsysid.cli.console import say, say_written, show_table, shown_progress, shown_warnings
-from tvsysid.cli.options import Flag, Methods, ReadingOptions, SegmentationOptions, given
+from tvsysid.cli.options import Methods, ReadingOptions, SegmentationOptions, given
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
@@ -33,7 +33,6 @@ def plan(
     pilot: Path | None = None,
     reading: ReadingOptions = Reading(),
     segmentation: SegmentationOptions = Segmentation(),
-    verify: Flag = False,
     seed: int = 0,
     out: Path = Path("tvsysid-plan"),
 ) -> None:
@@ -78,8 +77,6 @@ def plan(
         In place of --noise: signal-to-noise ratio in dB at an amplitude of 0.0087 rad. [10]
     pilot
         Recording to take joint, noise and perturbation from. Needs --angle, --torque, --rate.
-    verify
-        Simulate each answer anew, 40 times, and print predicted and reached ±.
     seed
         Seed of the random numbers.
     out
@@ -118,8 +115,6 @@ def plan(
     write_table(out / "plan.csv", found.table())
     save(found.plot(), out / "plan.png")
     say_written(out, ["plan.csv", "plan.png"])
-    if verify:
-        _verify(found)
 
 
 def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Pilot:
@@ -167,15 +162,3 @@ def _show(found: Plan) -> None:
             if each.why:
                 say(f"  {each.method} does not suffice: {each.why}")
     say(f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}")
-
-
-def _verify(found: Plan) -> None:
-    """Simulate the planned recordings, and print how precise they are."""
-    with shown_progress("verifying") as advance:
-        reached = found.verify(progress=advance)
-    for each, noise in reached.items():
-        both = math.hypot(noise, found.multiple * each.bias)
-        say(
-            f"{each.method}, {each.setup}: simulations reach ± {noise:.1f} of noise (predicted: "
-            f"{each.half_width:.1f}), ± {both:.1f} with bias"
-        )

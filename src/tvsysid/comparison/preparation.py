@@ -13,7 +13,6 @@ import numpy as np
 from tvsysid import preprocess
 from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods import parse
 from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
 from tvsysid.recommendation.trust import LOOP, WRONG
@@ -63,7 +62,6 @@ def prepare_recording(
     segmentation: Segmentation,
     centered: Iterable[str] = (),
     *,
-    method: str = "adaptive",
     align_channels: bool = True,
     remove_mains: bool = True,
     jobs: int = 1,
@@ -79,8 +77,6 @@ def prepare_recording(
     centered
         Channels that lose their mean over realizations, as angle and torque do: see
         :func:`tvsysid.methods.centered_channels`. Names that the recording lacks are ignored.
-    method
-        Method that judges in a single realization how much of a delay to correct.
     align_channels
         Whether to correct a delay between angle and torque, unless held-out realizations are
         predicted better without.
@@ -134,7 +130,7 @@ def prepare_recording(
         with suppress(InputError):  # realizations are too few, or too short
             diagnosis = diagnose(diagnosed(0.0))
     if diagnosis is not None:
-        delay, decision = delay_to_correct(ensemble, diagnosis, method, jobs)
+        delay, decision = delay_to_correct(ensemble, diagnosis, jobs)
         notes += filter(None, [decision])
     return PreparedRecording(
         ensemble(delay),
@@ -149,14 +145,14 @@ def prepare_recording(
 
 
 def delay_to_correct(
-    cut: Callable[[float], Ensemble], diagnosis: Diagnosis, method: str, jobs: int = 1
+    cut: Callable[[float], Ensemble], diagnosis: Diagnosis, jobs: int = 1
 ) -> tuple[float, str]:
     """Choose how much of a torque delay to correct: all of it, half of it or none.
 
     A joint that is not of second order, or a compliant fixture, looks like a delay of another
     size. So all of the delay is corrected unless half or none of it predicts held-out
-    realizations better (p < 0.05). ``adaptive`` predicts them. A single realization is predicted
-    by ``method``, if that holds out fifths of the record.
+    realizations better (p < 0.05). ``adaptive`` predicts them. In a single realization, all of
+    the delay is corrected.
 
     Parameters
     ----------
@@ -164,8 +160,6 @@ def delay_to_correct(
         Function that returns the ensemble after correction of a delay in s.
     diagnosis
         Diagnosis of the data as recorded.
-    method
-        Method for a single realization, which ``adaptive`` cannot identify.
     jobs
         As of :meth:`tvsysid.Comparison.held_out_vaf`.
 
@@ -183,36 +177,31 @@ def delay_to_correct(
     what = faults["delay"].what.partition(";")[0]
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000
     try:
-        method, vafs = _held_out_vafs([cut(delay) for delay in delays], method, jobs)
+        ensembles = [cut(delay) for delay in delays]
+        vafs = _held_out_vafs(ensembles, jobs) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
     except InputError as error:
         return 0.0, f"{what}; none of it is corrected: {error}"
-    means = [each.mean() for each in vafs]
+    none, half, every = means = vafs.mean(axis=1)
     if not np.isfinite(means).all():
         return float(delays[-1]), f"{what}; all of it is corrected"
-    best, count = int(np.argmax(means)), min(map(len, vafs))
-    p_value = predicts_better(*(100 - vafs[which][:count] for which in (best, -1)))
-    chosen = best if count == 1 or p_value < SIGNIFICANCE else 2
-    none, half, every = means
+    best = int(np.argmax(means))
+    p_value = predicts_better(100 - vafs[best], 100 - vafs[-1])
+    chosen = best if p_value < SIGNIFICANCE else 2
     return float(delays[chosen]), (
-        f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected: held-out VAF of {method} "
+        f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected: held-out VAF of adaptive "
         f"is {none:.1f} % as recorded, {half:.1f} with half and {every:.1f} with all of it "
         "corrected"
     )
 
 
-def _held_out_vafs(
-    ensembles: Sequence[Ensemble], method: str, jobs: int
-) -> tuple[str, list[Array]]:
-    """Return the method that predicts, and its held-out VAF of each ensemble.
+def _held_out_vafs(ensembles: Sequence[Ensemble], jobs: int) -> Array:
+    """Return the held-out VAF of each ensemble by ``adaptive``, shape (ensemble, realization).
 
-    ``adaptive`` identifies the first ensemble, and starts from this model for the others.
+    It identifies the first ensemble, and starts from this model for the others.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
-        if len(ensembles[0]) == 1:
-            models = [parse(method).identify(each) for each in ensembles]
-            folds = [each.diagnostics.details.get("vaf_folds", np.nan) for each in models]
-            return method, [np.array([each]) for each in folds]
         found = compare(ensembles[0], ["adaptive"])
-        each_found = (attrs.evolve(found, ensemble=each) for each in ensembles)
-        return "adaptive", [each.held_out_vaf(2, jobs=jobs)["adaptive"] for each in each_found]
+        each_found = [attrs.evolve(found, ensemble=each) for each in ensembles]
+        vafs = [each.held_out_vaf(2, jobs=jobs)["adaptive"] for each in each_found]
+    return np.array([each[: min(map(len, vafs))] for each in vafs])

@@ -18,13 +18,10 @@ from tvsysid.numerics.bands import critical_value
 from tvsysid.planning.curves import (
     RECORDS,
     Curve,
-    identify_each,
     measure_curve,
     measure_excess,
     measure_rise,
-    scatter,
     sizes_of,
-    successful,
 )
 from tvsysid.planning.setups import Pilot, Setup, seconds_of
 from tvsysid.progress import Progress, no_progress
@@ -39,7 +36,6 @@ METHODS = ("adaptive", "sds", "birf", "kbr")
 EXTRAPOLATION = 10  # times as many realizations are answered by the law that was found
 DRAWS, STEP_DRAWS = 18, 4  # ensembles of each size, and with a step
 HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
-TRIALS, VERIFIED_SEED = 40, 1000  # simulations that verify an answer
 
 
 class Answer(NamedTuple):
@@ -136,24 +132,6 @@ class Plan:
         names += ["bias (N·m/rad)", "rise time (s)", "pilot / simulated", "why not"]
         table = pd.DataFrame(self.answers).set_axis(names, axis=1)
         return table.assign(minutes=table.minutes / 60).astype({"realizations": "Int64"})
-
-    def verify(self, *, progress: Progress = no_progress) -> dict[Answer, float]:
-        """Simulate each answer again, and return the half width in N·m/rad that is reached.
-
-        For a plan from a pilot, more of the same is simulated. This verifies the law, and not
-        what was taken from the pilot: the simulated scatter is multiplied by the same excess.
-        Answers without a number of realizations are left out.
-        """
-        reached = dict[Answer, float]()
-        for done, each in enumerate(self.answers):
-            progress(done, len(self.answers))
-            if each.realizations is not None:
-                setup, count = self.setups[each.setup], each.realizations
-                made = (setup.simulated(count, VERIFIED_SEED + trial) for trial in range(TRIALS))
-                ensembles = (part.ensemble for part in made)
-                values = identify_each(self.methods[each.method], ensembles)[0]
-                reached[each] = HALF_BAND * each.excess * scatter(successful(values))
-        return reached
 
 
 def plan(

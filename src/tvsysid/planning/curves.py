@@ -20,7 +20,7 @@ from tvsysid.planning.setups import Pilot, Setup, Simulated
 from tvsysid.preprocess import subtract_mean
 from tvsysid.signals import Array, Ensemble
 
-MIN_REALIZATIONS = 5  # realizations of the smallest ensembles
+MIN_REALIZATIONS = 5  # of the smallest ensembles
 RECORDS = 6  # simulated recordings from which ensembles are cut
 MAX_DURATION_S = 2400.0  # of the largest ensemble that is simulated
 SPLITS = 4  # of a pilot into random halves

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import attrs
 import numpy as np
 import scipy
-from scipy.fft import irfft, next_fast_len, rfftfreq
+from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from tvsysid.errors import DataQualityWarning
 from tvsysid.methods import AdaptiveRegression, label_of, resolve
@@ -320,7 +320,5 @@ def _gaussian(
 ) -> Array:
     """Return Gaussian noise of a spectral density."""
     size = next_fast_len(samples, real=True)
-    frequencies = rfftfreq(size, 1 / rate)
-    parts = random.standard_normal((2, len(frequencies)))
-    scale = np.sqrt(np.interp(frequencies, at, density) * rate * size) / 2
-    return np.asarray(irfft(scale * (parts[0] + 1j * parts[1]), size)[:samples])
+    gain = np.sqrt(np.interp(rfftfreq(size, 1 / rate), at, density) * rate / 2)
+    return np.asarray(irfft(rfft(random.standard_normal(size)) * gain, size)[:samples])

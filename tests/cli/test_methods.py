@@ -14,7 +14,6 @@ def test_methods_are_listed_with_what_they_assume(tvsysid):
         "For two pathways",
         "For closed loops",
         "For a scheduling variable",
-        "coefficient is constant (Na > 0)",
         "For special perturbations",
         "needs: the disturbance that was applied",
         "a perturbation of this kind: multisine",

@@ -267,7 +267,7 @@ class Data:
 
     @classmethod
     def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int], lags: int) -> Data:
-        """Return the realizations with most recorded past, from where it is long enough."""
+        """Return the realizations and times with most samples whose past is recorded."""
         rate = ensemble.sampling_rate
         signals = intrinsic_signals(ensemble.angle, lags, rate)
         signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
@@ -275,14 +275,16 @@ class Data:
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
         missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)
-        first = int(missing.min())
-        if first >= last:
+        known_from = np.maximum(missing, edge)
+        sizes = np.array([(known_from <= each).sum() * (last - each) for each in known_from])
+        if not sizes.max() > 0:
             raise InputError(
                 f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
                 f"sample; realizations have {ensemble.duration:g} s with "
                 f"{ensemble.context / rate:g} s of context; give longer ones"
             )
-        times, rows = slice(max(first, edge), last), np.flatnonzero(missing <= max(first, edge))
+        times = slice(int(known_from[sizes.argmax()]), last)
+        rows = np.flatnonzero(known_from <= times.start)
         counts = [*harmonics[:2], *[0] * (len(signals) - 2)]
         phase = ensemble.time / ensemble.duration
         return cls(

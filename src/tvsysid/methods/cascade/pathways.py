@@ -38,9 +38,9 @@ class Stretch:
 
     def curve(self) -> tuple[Array, Array]:
         """Return velocities in rad/s and the drive at each; it is linear between and beyond."""
-        velocity = np.array([-1.0, self.threshold, self.threshold + 1.0])
+        corner = np.array([-1.0, self.threshold, self.threshold + 1.0])
         order = slice(None, None, self.direction)
-        return self.direction * velocity[order], np.array([0.0, 0.0, self.direction])[order]
+        return self.direction * corner[order], np.array([0.0, 0.0, self.direction])[order]
 
 
 @attrs.frozen

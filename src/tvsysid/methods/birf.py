@@ -126,17 +126,18 @@ class BasisIRF(shared.ByReference):
         filters = shared.derivative_filters(shared.HALF_WIDTH, rate)
         if self.model == "parametric":
             readout, impedance = np.eye(3), weights
-            left = shared.residual(ensemble, weights @ filters)
-            agreement = shared.residual_agreement(ensemble, moved, left, missing)
         else:  # a second-order fit, weighted by the angle's mean correlations
             derivative = shared.derivative_filters(weights.shape[1] // 2, rate)
             projected = derivative @ signals.gram.mean(axis=0)
             fit = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
             readout = fit.inverse[0] @ projected
-            impedance, left = weights @ readout.T, shared.residual(ensemble, weights)
+            impedance = weights @ readout.T
             readout[0] = 1.0  # stiffness is the area under the response
-            over_time = base.padded(impedance, missing)
-            agreement = shared.second_order_agreement(ensemble, ensemble, over_time)
+        over_time = base.padded(impedance, missing)
+        left, first = shared.second_order_residual(ensemble, over_time)
+        agreement = shared.residual_agreement(ensemble, moved, left, first)
+        if self.model == "irf":
+            left = shared.residual(ensemble, weights)
         effective, colour = posterior.effective, None
         # With a reference, the covariances count the noise's colour already.
         if self.reference is None:
@@ -169,7 +170,7 @@ class BasisIRF(shared.ByReference):
         return SecondOrderModel(
             sampling_rate=rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(base.padded(impedance, missing), errors),
+            estimates=shared.impedance_estimates(over_time, errors),
             posterior=posterior,
             labels=(*names, "inertia"),
             diagnostics=diagnostics,

@@ -126,26 +126,30 @@ class EnsembleSpectral(shared.ByReference):
         spectra = shared.short_time_spectra(z, torque, length, along)
         response = spectra.yu / np.maximum(spectra.uu, TINY)
         realizations = shared.independent_realizations(ensemble)
-        warned: tuple[str, ...] = ()
-        errors: shared.Errors
+        fit: shared.SegmentFit | shared.InstrumentalFit
         if self.reference is None:
-            segments = shared.SegmentFit.of(ensemble, power, within, products)
-            impedance, at_rest, agreement = segments.impedance, None, segments.agreement
-            if self.stiffness == "dc":
-                stiffness = response[:, 0].real
-                warned = _leaking(stiffness, impedance[:, 0])
-                impedance = np.column_stack([stiffness, impedance[:, 1:]])
-                at_rest = _variance_at_rest(angle, torque, stiffness, realizations)
-            errors = partial(segment_errors, segments, at_rest, missing)
+            fit = shared.SegmentFit.of(ensemble, power, within)
         else:
             with_angle = shared.short_time_spectra(z, angle, length, along)
             response *= _angle_ratio(with_angle, realizations)
             fit = shared.instrumental_fit(ensemble, moved, power, within)
-            impedance = fit.impedance
+        impedance = base.padded(fit.impedance, *missing)
+        left, start = shared.second_order_residual(ensemble, impedance)
+        agreement = shared.residual_agreement(ensemble, moved, left, start)
+        warned: tuple[str, ...] = ()
+        errors: shared.Errors
+        if isinstance(fit, shared.SegmentFit):
+            at_rest = None
+            if self.stiffness == "dc":
+                stiffness = response[:, 0].real
+                warned = _leaking(stiffness, fit.impedance[:, 0])
+                impedance[:, 0] = base.padded(stiffness, *missing)
+                at_rest = _variance_at_rest(angle, torque, stiffness, realizations)
+            colour = shared.segment_colour(ensemble, power, left, products)
+            errors = partial(segment_errors, fit, colour, at_rest, missing)
+        else:
             values = base.padded(np.sqrt(fit.variances), *missing)
             errors = shared.standard_errors(values, max(1.0, realizations - 3.0))
-            over_time = base.padded(impedance, *missing)
-            agreement = shared.second_order_agreement(ensemble, moved, over_time)
         excited = spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)
         excited &= np.isfinite(response)
         powers = np.maximum(spectra.uu, TINY) * np.maximum(spectra.yy, TINY)
@@ -154,7 +158,7 @@ class EnsembleSpectral(shared.ByReference):
         return (FrequencyResponseModel if self.reference is None else InstrumentalResponseModel)(
             sampling_rate=rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(base.padded(impedance, *missing), errors),
+            estimates=shared.impedance_estimates(impedance, errors),
             frequency_response=base.padded(response, *missing),
             frequencies=np.asarray(np.fft.rfftfreq(length, 1 / rate)),
             coherence=base.padded(coherence, *missing),
@@ -237,14 +241,17 @@ def _variance_at_rest(angle: Array, torque: Array, stiffness: Array, independent
 
 
 def segment_errors(
-    fit: shared.SegmentFit, at_rest: Array | None, missing: tuple[int, int]
+    fit: shared.SegmentFit,
+    colour: shared.Colour,
+    at_rest: Array | None,
+    missing: tuple[int, int],
 ) -> dict[str, shared.StandardError]:
     """Return the standard errors of the second-order fit to segments, and at 0 Hz.
 
     ``at_rest`` is the variance of the response at 0 Hz (time,), if stiffness is read from it.
     ``missing`` is the number of times at either end without a segment.
     """
-    variances, absent = fit.variances(), ""
+    variances, absent = fit.variances(colour), ""
     freedom = np.full(variances.shape, fit.freedom)
     if at_rest is not None:
         variances[:, 0], freedom[:, 0] = at_rest, max(fit.realizations - 1, 1)

@@ -225,8 +225,10 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
         estimates["inertia"] = Estimate(
             inertia, UNITS["inertia"], error=StandardError(errors, total_freedom, 0.0)
         )
-        details["second_order_agreement"] = shared.second_order_agreement(
-            ensemble, ensemble, np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
+        impedance = np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
+        left, first = shared.second_order_residual(ensemble, impedance)
+        details["second_order_agreement"] = shared.residual_agreement(
+            ensemble, ensemble, left, first
         )
     return AdaptiveModel(
         method=name,

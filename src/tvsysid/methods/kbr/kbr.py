@@ -173,14 +173,13 @@ class KernelRegression(shared.ByReference):
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
-        impedance = each.mean(axis=0)[missing : ensemble.samples - missing]
-        inner = slice(edge, ensemble.samples - edge)
-        filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+        impedance = each.mean(axis=0)
+        impedance[:missing] = impedance[len(impedance) - missing :] = np.nan
         if len(each) == 1:
-            left = shared.residual(ensemble, each[0, inner] @ filters)
+            left, edge = shared.second_order_residual(ensemble, each[0])
         else:
             left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, each)
-            left = left[:, inner]
+            left = left[:, edge : ensemble.samples - edge]
         found = posterior.fit
         # The error E is complex: its variance is that of two numbers.
         details = {
@@ -192,6 +191,7 @@ class KernelRegression(shared.ByReference):
         colour = None
         # The posterior assumes that the noise is as strong as its mean over the fitted band.
         if self.weighting == "white":
+            filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
             share = found.effective / left.size
             colour = shared.Colour.of(moved, left, share, _in_band(filters, low, high))
         errors = partial(
@@ -210,7 +210,7 @@ class KernelRegression(shared.ByReference):
         return KernelModel(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(base.padded(impedance, missing), errors),
+            estimates=shared.impedance_estimates(impedance, errors),
             posterior=posterior,
             labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE for j in range(kernel.columns)),
             kernel=kernel,

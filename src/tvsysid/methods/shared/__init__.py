@@ -11,10 +11,15 @@ from tvsysid.methods.shared.residuals import (
     posterior_errors,
     residual,
     residual_agreement,
-    second_order_agreement,
+    second_order_residual,
     second_order_torque,
 )
-from tvsysid.methods.shared.segments import SegmentFit, instrumental_fit
+from tvsysid.methods.shared.segments import (
+    InstrumentalFit,
+    SegmentFit,
+    instrumental_fit,
+    segment_colour,
+)
 from tvsysid.methods.shared.windows import impulse_response_model, window_model
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH

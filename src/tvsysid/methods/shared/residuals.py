@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tvsysid.methods.base import padded
+from tvsysid.methods.base import missing_edge, padded
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
@@ -21,7 +21,7 @@ from tvsysid.numerics.noise import (
     regressor_covariances,
     white_share,
 )
-from tvsysid.numerics.second_order import agreement_of_moments
+from tvsysid.numerics.second_order import agreement_of_moments, derivative_filters
 from tvsysid.signals import Array, Ensemble
 
 # seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
@@ -77,18 +77,21 @@ def second_order_torque(ensemble: Ensemble, impedance: Array) -> Array:
     return np.asarray(sum(parts))
 
 
-def second_order_agreement(ensemble: Ensemble, moved: Ensemble, impedance: Array) -> float:
-    """Return how much of the torque that depends on the angle an impedance explains, in per cent.
+def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, int]:
+    """Return the residual torque (realization, time) of an impedance (time, 3), and its first time.
 
-    ``moved`` is as for :func:`residual_agreement`, ``impedance`` as for
-    :func:`second_order_torque`.
+    It reaches from the first to the last time at which the impedance and the derivatives of the
+    angle are known.
     """
-    left = ensemble.torque[:, ensemble.core] - second_order_torque(ensemble, impedance)
-    known = np.flatnonzero(np.isfinite(left).all(axis=0))
-    if not known.size:
-        return float("nan")
-    left = np.nan_to_num(left[:, known[0] : known[-1] + 1])
-    return residual_agreement(ensemble, moved, left, int(known[0]))
+    edge = missing_edge(HALF_WIDTH, ensemble)
+    inner = impedance[edge : ensemble.samples - edge]
+    times = np.flatnonzero(np.isfinite(inner).all(axis=1)) + edge
+    first, stop = (times[0], times[-1] + 1) if times.size else (edge, edge)
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    weights = np.nan_to_num(impedance[first:stop]) @ filters
+    start, stop = ensemble.context + first, ensemble.context + stop
+    angle = ensemble.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
+    return ensemble.torque[:, start:stop] - convolve_lags(angle, weights), int(first)
 
 
 def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: int) -> float:
@@ -100,6 +103,8 @@ def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: 
     it that noise moves is correlated with the noise in the residual. See
     :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
+    if not left.size:
+        return float("nan")
     start, stop = ensemble.context + first, ensemble.context + first + left.shape[1]
     angle = moved.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
     cross = diagonal_moments(left, angle, 2 * HALF_WIDTH).mean(axis=0)

@@ -16,12 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tvsysid.methods.shared.residuals import (
-    Colour,
-    colour_lags,
-    independent_realizations,
-    residual_agreement,
-)
+from tvsysid.methods.shared.residuals import Colour, colour_lags, independent_realizations
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.second_order import derivative_filters, second_order_fit
@@ -86,48 +81,31 @@ def instrumental_fit(
 class SegmentFit(NamedTuple):
     """Least-squares fit to segments.
 
-    ``impedance`` has shape (time, 3), ``inverse`` (time, 3, 3) is that of the regressors' moments,
-    ``agreement`` is in per cent. ``moments`` (sample, 4, 4) of angle, velocity, acceleration and
-    torque are sums over realizations, of which ``realizations`` are independent. They are 0 but at
-    the ``known`` samples. ``power`` (sample,) is the squared window.
+    ``impedance`` has shape (time, 3), ``inverse`` (time, 3, 3) is that of the regressors' moments.
+    ``moments`` (sample, 4, 4) of angle, velocity, acceleration and torque are sums over
+    realizations, of which ``realizations`` are independent. They are 0 but at the ``known``
+    samples. ``power`` (sample,) is the squared window.
     """
 
     impedance: Array
     inverse: Array
-    agreement: float
     moments: Array
     known: slice
     power: Array
     realizations: int
-    colour: Colour
 
     @classmethod
-    def of(cls, ensemble: Ensemble, power: Array, within: slice, products: Array) -> SegmentFit:
-        """Fit segments. ``products`` are the :func:`colour_products` of the angle."""
+    def of(cls, ensemble: Ensemble, power: Array, within: slice) -> SegmentFit:
+        """Fit segments within samples that count the context."""
         signals, known = segment_signals(ensemble, within)
         by_sample = signals.transpose(2, 0, 1)
         moments = by_sample @ by_sample.transpose(0, 2, 1)
         sums = window_sums(moments, power)
         impedance, inverse = second_order_fit(sums[:, :3, :3], sums[:, :3, 3])
-
-        # What the fit leaves at the segments' centres, as far as the derivatives are known there.
-        centre = len(power) // 2
-        start, stop = max(known.start, centre), min(known.stop, centre + len(impedance))
-        inner, at_centre = slice(start, stop), impedance[start - centre : stop - centre].T
-        parts = (each[:, inner] * own for each, own in zip(signals, at_centre, strict=False))
-        left = signals[3, :, inner] - sum(parts)
-        # The response itself would not do for a comparison, because leakage takes more from it
-        # than higher dynamics.
-        agreement = residual_agreement(
-            ensemble, ensemble, left, within.start + start - ensemble.context
-        )
-        taken = _taken(power, len(ensemble), colour_lags(ensemble) + 1)
-        filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-        colour = Colour.of(ensemble, left, taken, filters, products)
         realizations = independent_realizations(ensemble)
-        return cls(impedance, inverse, agreement, moments, known, power, realizations, colour)
+        return cls(impedance, inverse, moments, known, power, realizations)
 
-    def variances(self) -> Array:
+    def variances(self, colour: Colour) -> Array:
         """Return the variances (time, 3) of stiffness, viscosity and inertia."""
         sums, fourth = (window_sums(self.moments, self.power**n) for n in (1, 2))
         fourth, inverse = fourth[:, :3, :3], self.inverse
@@ -139,8 +117,8 @@ class SegmentFit(NamedTuple):
         left = np.maximum(sums[:, 3, 3] - fitted, 0.0)
         noise = np.where(freedom > 0, left / np.where(freedom > 0, freedom, 1.0), np.nan)
         white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
-        overlap = _overlap(self.power, len(self.colour.covariance))
-        _, factors = self.colour.noise_and_factors(overlap / overlap[0])
+        overlap = _overlap(self.power, len(colour.covariance))
+        _, factors = colour.noise_and_factors(overlap / overlap[0])
         return np.asarray(factors * white)
 
     @property
@@ -160,11 +138,15 @@ def _overlap(power: Array, lags: int) -> Array:
     return np.asarray(products[:lags])
 
 
-def _taken(power: Array, count: int, lags: int) -> Array:
-    """Return the share (lag,) of the noise's autocovariance that the fit of a segment explains.
+def segment_colour(ensemble: Ensemble, power: Array, left: Array, products: Array) -> Colour:
+    """Return the colour of what a second-order fit of segments leaves (realization, time).
 
-    The fit has three regressors, and the segment is weighted.
+    The fit explains a share of the noise's autocovariance: it has three regressors, and segments
+    are weighted by ``power``. ``products`` are the :func:`colour_products` of the angle.
     """
+    lags = colour_lags(ensemble) + 1
     own = np.pad(power[len(power) // 2 :], (0, lags))[:lags]
     total = float(power.sum())
-    return 3 / count * (2 * own / total - _overlap(power, lags) / total**2)
+    taken = 3 / len(ensemble) * (2 * own / total - _overlap(power, lags) / total**2)
+    filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
+    return Colour.of(ensemble, left, taken, filters, products)

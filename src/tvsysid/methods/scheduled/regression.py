@@ -34,8 +34,7 @@ class Regression(NamedTuple):
     where one of them is not known. ``owner`` (column,) is the position of each column's term, and
     ``degree`` that of its polynomial.
     ``moments`` (fold, column + 2, column + 2) are the products of the values in each fold.
-    ``coefficients`` (column,) are those of the least-squares fit, and ``inverse`` is that of the
-    columns' moments.
+    ``coefficients`` (column,) are those of the least-squares fit.
     """
 
     design: Design
@@ -44,7 +43,6 @@ class Regression(NamedTuple):
     values: Array
     moments: Array
     coefficients: Array
-    inverse: Array
 
     @classmethod
     def of(cls, design: Design, ensemble: Ensemble) -> Regression:
@@ -56,19 +54,21 @@ class Regression(NamedTuple):
             If the samples are too few.
         """
         columns, terms = design.columns(ensemble), design.terms
-        rows = np.concatenate([*columns, ensemble.torque[None, :, ensemble.core]])
-        line = rows[:, np.concatenate(ensemble.runs)].reshape(len(rows), -1)
-        known = np.isfinite(line).all(axis=0)
-        values = np.where(known, np.vstack([line, known]), 0.0)
-        samples = np.flatnonzero(known)
-        if len(samples) < MIN_SAMPLES * (len(values) - 2):
+        torque = ensemble.torque[None, :, ensemble.core]
+        rows = np.concatenate([*columns, torque, np.ones_like(torque)])
+        values = rows[:, np.concatenate(ensemble.runs)].reshape(len(rows), -1)
+        known = np.isfinite(values).all(axis=0)
+        values[:, ~known] = 0.0
+        samples, count = np.flatnonzero(known), len(values) - 2
+        if len(samples) < MIN_SAMPLES * count:
             raise InputError(
                 f"{len(samples)} samples, at which all lags and the reflex's memory were recorded, "
-                f"are too few for {len(values) - 2} coefficients; give a longer record, more "
-                "context, a lower order or a shorter memory"
+                f"are too few for {count} coefficients; give a longer record, more context, a "
+                "lower order or a shorter memory"
             )
-        folds = np.split(samples, np.linspace(0, len(samples), FOLDS + 1).astype(int)[1:-1])
-        moments = np.stack([values[:, fold] @ values[:, fold].T for fold in folds])
+        edges = np.linspace(0, len(samples), FOLDS + 1).astype(int)[1:-1]
+        folds = np.split(values, samples[edges], axis=1)
+        moments = np.stack([fold @ fold.T for fold in folds])
         degrees = [
             np.arange(len(own)) % (term.order + 1) for own, term in zip(columns, terms, strict=True)
         ]
@@ -78,8 +78,13 @@ class Regression(NamedTuple):
             np.concatenate(degrees),
             values,
             moments,
-            *solve(moments.sum(axis=0)),
+            solve(moments.sum(axis=0)),
         )
+
+    def inverse(self) -> Array:
+        """Return the inverse of the columns' moments."""
+        gram, _, scale = normal_equations(self.moments.sum(axis=0))
+        return np.asarray(np.linalg.inv(gram) / np.outer(scale, scale))
 
     def vaf(self, *parts: str) -> float:
         """Return the variance of the torque that some parts account for, in per cent."""
@@ -100,7 +105,8 @@ class Regression(NamedTuple):
         half *= (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
         kernel = np.concatenate([half[:0:-1], half])[None]
         coloured = scipy.signal.oaconvolve(columns, kernel, mode="same", axes=1) @ columns.T
-        return np.asarray(self.inverse @ (coloured + coloured.T) @ self.inverse / 2)
+        inverse = self.inverse()
+        return np.asarray(inverse @ (coloured + coloured.T) @ inverse / 2)
 
     def curves(self, covariance: Array, freedom: float = np.inf) -> dict[str, Curve]:
         """Return the curve of each quantity, from the covariance of the coefficients."""
@@ -145,8 +151,7 @@ class Regression(NamedTuple):
 
 def held_out(moments: Array) -> Array:
     """Return the VAF of each fold by a fit to the others, from the moments of each, in per cent."""
-    coefficients, _ = solve(moments.sum(axis=0) - moments)
-    return explained(moments, coefficients)
+    return explained(moments, solve(moments.sum(axis=0) - moments))
 
 
 def explained(moments: Array, coefficients: Array) -> Array:
@@ -161,10 +166,16 @@ def explained(moments: Array, coefficients: Array) -> Array:
     return np.asarray(100 * (1 - left / centred[..., -1, -1]))
 
 
-def solve(moments: Array) -> tuple[Array, Array]:
-    """Return least-squares coefficients (…, column), and the inverse of the columns' moments.
+def solve(moments: Array) -> Array:
+    """Return least-squares coefficients (…, column)."""
+    gram, cross, scale = normal_equations(moments)
+    return np.asarray(np.linalg.solve(gram, cross[..., None])[..., 0] / scale)
 
-    The columns are scaled to unit variance, and have a slight ridge.
+
+def normal_equations(moments: Array) -> tuple[Array, Array, Array]:
+    """Return moments of columns scaled to unit variance, those with the torque, and the scale.
+
+    The former have a slight ridge.
     """
     gram, cross, sums = moments[..., :-2, :-2], moments[..., :-2, -2], moments[..., :-2, -1]
     count = moments[..., -1, -1:]
@@ -172,7 +183,5 @@ def solve(moments: Array) -> tuple[Array, Array]:
     variance = square - (sums / count) ** 2
     scale = np.sqrt(np.where(variance > CONSTANT * square, variance, square))
     scale = np.where(scale > 0, scale, 1.0)
-    scales = scale[..., :, None] * scale[..., None, :]
     ridge = RIDGE * count[..., None] * np.eye(gram.shape[-1])
-    inverse = np.linalg.inv(gram / scales + ridge) / scales
-    return np.einsum("...ij,...j->...i", inverse, cross), inverse
+    return gram / (scale[..., :, None] * scale[..., None, :]) + ridge, cross / scale, scale

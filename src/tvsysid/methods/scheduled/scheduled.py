@@ -195,7 +195,7 @@ def warnings_of_rest(
     In the regression ``free`` that torque is a polynomial of this ``order``.
     """
     name, grid = fit.design.variable, np.linspace(*fit.design.limits, GRID)
-    change = free.curves(free.inverse)["stiffness"].at(grid, (name,)).values - stiffness.values
+    change = free.curves(free.inverse())["stiffness"].at(grid, (name,)).values - stiffness.values
     _, upper = stiffness.limits()
     beyond = np.abs(change) / (upper - stiffness.values)
     place = int(np.argmax(beyond))

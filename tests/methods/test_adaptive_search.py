@@ -85,15 +85,6 @@ def test_two_switches_that_are_close_are_both_listed(random):
     assert times == pytest.approx([20.3, 22.6], abs=0.4)
 
 
-def test_how_steps_are_smeared_is_averaged_where_the_data_leave_it_open(random, monkeypatch):
-    monkeypatch.setattr(posterior, "smooth_priors", lambda axis: prior.smooth_priors(axis)[:1])
-    estimate, _ = estimate_of(random, periodic=False)
-    for scale, count in ((1.0, 1), (20.0, 2)):
-        unsure = whitened(estimate, scale**-0.5)
-        axes = {each.axis for each in posterior.average(unsure).hypotheses}
-        assert (estimate.axis in axes, len(axes)) == (True, count)
-
-
 @pytest.mark.slow
 def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
     found, other = (posterior.average(estimate_of(random, True)[0]), estimate_of(random, True)[0])

@@ -7,27 +7,26 @@ from tvsysid.numerics import moments
 
 
 @pytest.mark.parametrize(("times", "beyond"), [(40, 0), (250, 3), (250, 30)])
-def test_diagonal_moments_equal_a_loop(random, times, beyond):
+def test_diagonal_moments_are_those_along_diagonals(random, times, beyond):
     a, b = random.normal(size=(7, times)), random.normal(size=(7, times + beyond))
-    found = moments.diagonal_moments(a, b, 12)
-    assert found.shape == (times, 13)
-    for i in range(times):
-        for d in range(13):
-            expected = np.mean(a[:, i] * b[:, i + d]) if i + d < b.shape[1] else 0.0
-            assert found[i, d] == pytest.approx(expected, abs=1e-12)
+    dense = np.pad(a.T @ b / 7, ((0, 0), (0, 12)))
+    expected = [dense[time, time : time + 13] for time in range(times)]
+    np.testing.assert_allclose(moments.diagonal_moments(a, b, 12), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("times", [40, 300])
 def test_lagged_moments_equal_a_loop(random, times):
-    u, y = random.normal(size=(9, times)), random.normal(size=(9, times)) + 3
-    n = 5
-    phi_uu, phi_uy, square, mean = moments.lagged_moments(u, y, n)
-    for row, i in enumerate(range(n, times - n)):
-        lagged = np.stack([u[:, i - lag] for lag in range(-n, n + 1)], axis=1)
-        np.testing.assert_allclose(phi_uu[row], lagged.T @ lagged / 9, atol=1e-12)
-        np.testing.assert_allclose(phi_uy[row], lagged.T @ y[:, i] / 9, atol=1e-12)
-        assert square[row] == pytest.approx(np.mean(y[:, i] ** 2))
-        assert mean[row] == pytest.approx(np.mean(y[:, i]))
+    n, u, y = 5, random.normal(size=(9, times)), random.normal(size=(9, times)) + 3
+    inner = slice(n, times - n)
+    lagged = np.stack([np.roll(u, lag, axis=1)[:, inner] for lag in range(-n, n + 1)])
+    expected = [
+        np.einsum("art,brt->tab", lagged, lagged) / 9,
+        np.einsum("art,rt->ta", lagged, y[:, inner]) / 9,
+        np.mean(y[:, inner] ** 2, axis=0),
+        np.mean(y[:, inner], axis=0),
+    ]
+    for found, each in zip(moments.lagged_moments(u, y, n), expected, strict=True):
+        np.testing.assert_allclose(found, each, atol=1e-12)
 
 
 @given(st.integers(1, 60), st.integers(0, 20), st.integers(0, 20))
@@ -42,10 +41,7 @@ def test_convolution_equals_a_loop(random, times):
     before, after = 3, 4
     u = random.normal(size=(5, times + before + after))
     weights = random.normal(size=(times, before + after + 1))
-    found = moments.convolve_lags(u, weights)
-    for i in range(times):
-        # A negative lag takes a sample that comes later.
-        expected = sum(
-            weights[i, before + lag] * u[:, i + after - lag] for lag in range(-before, after + 1)
-        )
-        np.testing.assert_allclose(found[:, i], expected, atol=1e-12)
+    # A negative lag takes a sample that comes later.
+    reversed_windows = np.lib.stride_tricks.sliding_window_view(u, before + after + 1, axis=1)
+    expected = np.einsum("rtl,tl->rt", reversed_windows[..., ::-1], weights)
+    np.testing.assert_allclose(moments.convolve_lags(u, weights), expected, atol=1e-12)

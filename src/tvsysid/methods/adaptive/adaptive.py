@@ -10,7 +10,7 @@ import numpy as np
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
-from tvsysid.methods.adaptive.posterior import Hypothesis, Posterior, average
+from tvsysid.methods.adaptive.posterior import Hypothesis, Mixture, Posterior, average
 from tvsysid.methods.adaptive.regression import A, FreeEstimates, V, pooling_reach
 from tvsysid.methods.adaptive.search import Candidate
 from tvsysid.methods.adaptive.signals import (
@@ -23,7 +23,7 @@ from tvsysid.methods.cascade.cascade import JointCascade, contradicted
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Ensemble
 
 MAX_SAMPLES = 3000  # of a realization
 MAX_ROUNDS = 2  # of stiffness beside a viscosity that changes
@@ -199,43 +199,44 @@ class AdaptiveRegression(base.Method):
 
 def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> AdaptiveModel:
     """Return the model with the posterior of stiffness, and of viscosity if no reflex is shown."""
-    ensemble, signals, axis = free.ensemble, free.signals, free.axis
-    rate, edges, reflex = ensemble.sampling_rate, signals.edges, signals.reflex
-    pooled = min(2 * pooling_reach(signals.independent, rate) + 1, axis.times)
+    ensemble, signals, times = free.ensemble, free.signals, free.axis.times
+    rate, reflex = ensemble.sampling_rate, signals.reflex
+    pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
     freedom, total_freedom = (
-        np.array((signals.independent - 1.0) * times - 2) for times in (pooled, axis.times)
+        np.array((signals.independent - 1.0) * each - 2) for each in (pooled, times)
     )
-
-    def over_time(values: Array | float) -> Array:
-        return base.padded(np.broadcast_to(values, axis.times), *edges)
-
     estimates = {} if reflex is None else dict(reflex.estimates)
-    details = {"periodic": float(axis.periodic), "reflex_shown": float(reflex is not None)}
+    details = {"periodic": float(free.axis.periodic), "reflex_shown": float(reflex is not None)}
     for quantity, posterior in found.items():
-        mixture = posterior.mixture
-        mixture = mixture.above_zero() if quantity == "viscosity" else mixture
-        errors = over_time(np.sqrt(mixture.variance()))
+        weights, means, variances = posterior.mixture
+        means = np.maximum(means, 0.0) if quantity == "viscosity" else means
+        over_time = (base.padded(each, *signals.edges) for each in (weights, means, variances))
+        mixture = Mixture(*over_time)
+        errors = np.sqrt(mixture.variance())
         error = MixtureError(errors, freedom, posterior.arc(), mixture=mixture)
-        estimates[quantity] = Estimate(over_time(mixture.mean()), UNITS[quantity], error=error)
+        estimates[quantity] = Estimate(mixture.mean(), UNITS[quantity], error=error)
         details[f"constant_{quantity}"] = posterior.probability(Candidate.is_constant)
         details[f"smooth_{quantity}"] = posterior.probability(Candidate.is_smooth)
     if reflex is None:
-        constant = free.constants[A - V], np.sqrt(free.covariance[A - V, A - V])
-        inertia, errors = map(over_time, constant)
+        known = 0 * errors  # NaN at the missing edges
+        errors = known + np.sqrt(free.covariance[A - V, A - V])
         estimates["inertia"] = Estimate(
-            inertia, UNITS["inertia"], error=StandardError(errors, total_freedom, 0.0)
+            known + free.constants[A - V],
+            UNITS["inertia"],
+            error=StandardError(errors, total_freedom, 0.0),
         )
         impedance = np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
         left, first = shared.second_order_residual(ensemble, impedance)
         details["second_order_agreement"] = shared.residual_agreement(
             ensemble, ensemble, left, first
         )
+    missing = signals.edges[0]
     return AdaptiveModel(
         method=name,
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        switches=tuple(row for each in found.items() for row in switches_of(*each, edges[0], rate)),
+        switches=tuple(row for each in found.items() for row in switches_of(*each, missing, rate)),
         reflex=reflex,
         hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
         diagnostics=Diagnostics(

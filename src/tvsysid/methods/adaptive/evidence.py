@@ -190,11 +190,11 @@ def column_evidence(power: Array, cross: Array, variance: float | Array) -> Arra
 def size_covariances(gram: Array) -> Array:
     """Return the posterior covariance of the sizes of switches for each of their variances.
 
-    ``gram`` (..., switch, switch) are the products of the switches with each other. The result has
-    shape (variance, ..., switch, switch).
+    ``gram`` (set, switch, switch) are the products of the switches with each other. The result has
+    shape (variance, set, switch, switch).
     """
     prior = np.multiply.outer(np.square(SWITCH_SIZES) ** -1.0, np.eye(gram.shape[-1]))
-    return np.linalg.inv(gram + np.expand_dims(prior, tuple(range(1, gram.ndim - 1))))
+    return np.asarray(np.linalg.inv(gram + prior[:, None]), dtype=np.float64)
 
 
 def log_evidence(

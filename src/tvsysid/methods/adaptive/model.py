@@ -44,8 +44,8 @@ class Switch(NamedTuple):
 class MixtureError(StandardError):
     """Random error of an estimate that is a mixture of possible values.
 
-    Near an undecided switch, the band spans both levels. The ``mixture`` is over the times that are
-    known. A band is not negative where none of the mixture's means is.
+    Near an undecided switch, the band spans both levels. A band is not negative where none of the
+    means of the ``mixture`` is. All times have the same degrees of freedom.
     """
 
     mixture: Mixture = attrs.field(kw_only=True)
@@ -54,33 +54,29 @@ class MixtureError(StandardError):
         self, values: Array, level: float, simultaneous: bool = False
     ) -> tuple[Array, Array]:
         """Return the limits of a band: quantiles of the mixture, with Student's t for each part."""
-        known, multiple = np.isfinite(self.values), self.multiple(level, simultaneous)
-        inside = INSIDE * multiple * self.values[known]
-        limits = np.full((2, *values.shape), np.nan)
-        limits[:, known] = (
-            np.minimum(self._quantile(-multiple), values[known] - inside),
-            np.maximum(self._quantile(multiple), values[known] + inside),
-        )
-        if self.mixture.means.min() >= 0:
-            limits[0] = np.maximum(limits[0], 0.0)
-        return limits[0], limits[1]
+        multiple = float(self.multiple(level, simultaneous)[0])
+        inside = INSIDE * multiple * self.values
+        lower = np.minimum(self._quantile(-multiple), values - inside)
+        if np.nanmin(self.mixture.means) >= 0:
+            lower = np.maximum(lower, 0.0)
+        return lower, np.maximum(self._quantile(multiple), values + inside)
 
-    def _quantile(self, multiple: Array) -> Array:
+    def _quantile(self, multiple: float) -> Array:
         """Return the quantile (time,) with the probability of Student's t below ``multiple``."""
         weights, means, variances = self.mixture
-        freedom, spreads = self.freedom[np.isfinite(self.values)], np.sqrt(variances)
-        share = ndtr(_as_normal(multiple, freedom))
-        parts = np.where(weights > 0, means + spreads * multiple[:, None], np.nan)
-        low, high = np.nanmin(parts, axis=1), np.nanmax(parts, axis=1)
+        freedom, spreads = float(self.freedom[0]), np.sqrt(variances)
+        share, parts = ndtr(_as_normal(multiple, freedom)), means + spreads * multiple
+        low = np.where(weights == 0, np.inf, parts).min(axis=1)
+        high = np.where(weights == 0, -np.inf, parts).max(axis=1)
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             apart = (middle[:, None] - means) / spreads
-            below = np.sum(weights * ndtr(_as_normal(apart, freedom[:, None])), axis=1)
+            below = np.sum(weights * ndtr(_as_normal(apart, freedom)), axis=1)
             low, high = np.where(below < share, middle, low), np.where(below < share, high, middle)
         return np.asarray((low + high) / 2)
 
 
-def _as_normal(multiple: Array, freedom: Array) -> Array:
+def _as_normal(multiple: Array | float, freedom: float) -> Array:
     """Return the normal deviate with the probability of Student's t, to 0.2 % (Wallace 1959)."""
     root = np.sqrt(freedom * np.log1p(multiple**2 / freedom))
     return np.asarray(np.copysign(root * (8 * freedom + 1) / (8 * freedom + 3), multiple))

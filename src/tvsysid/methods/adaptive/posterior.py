@@ -60,10 +60,6 @@ class Mixture(NamedTuple):
         apart = self.means - self.mean()[:, None]
         return np.asarray(np.einsum("tc,tc->t", self.weights, self.variances + apart**2))
 
-    def above_zero(self) -> Mixture:
-        """Return the same distributions with no mean below zero."""
-        return self._replace(means=np.maximum(self.means, 0.0))
-
 
 class Hypothesis(NamedTuple):
     """A prior of the smooth part, and switches at positions in samples, smeared by an axis."""
@@ -169,11 +165,6 @@ class Posterior:
         return cls(candidates, weights, over_time, mixture)
 
     @property
-    def axis(self) -> Axis:
-        """Axis of the best candidate."""
-        return self.candidates[0].smooth.estimate.axis
-
-    @property
     def probabilities(self) -> Array:
         """Probability of every candidate."""
         return np.asarray(softmax([each.evidence for each in self.candidates]))
@@ -192,24 +183,19 @@ class Posterior:
 
     def arc(self) -> float:
         """Return the length of the path of the scaled estimate, for simultaneous bands."""
+        smooth, best = self.candidates[0].smooth, self.over_time[0]
         means = np.hstack([each.means for each in self.over_time])
         apart = np.sqrt(self.weights) * (means - (means @ self.weights)[:, None])
-        features, covariance = self._best()
-        return arc_length(
-            np.hstack([features, apart]), block_diag(covariance, np.eye(len(self.weights)))
-        )
+        parts = np.eye(len(smooth.mean)), best.covariance[0], np.eye(len(self.weights))
+        features = np.hstack([smooth.features, best.shapes[0], apart])
+        return arc_length(features, block_diag(*parts))
 
     def parameters(self) -> float:
         """Return the best candidate's effective number of parameters, and of switch times."""
-        (features, covariance), best = self._best(), self.candidates[0]
-        white = best.smooth.estimate.whitener @ features
-        return float(np.sum(white @ covariance * white)) + len(best.positions)
-
-    def _best(self) -> tuple[Array, Array]:
-        """Return features of the best candidate, and the covariance of their coefficients."""
         smooth, best = self.candidates[0].smooth, self.over_time[0]
-        features = np.hstack([smooth.features, best.shapes[0]])
-        return features, block_diag(np.eye(len(smooth.mean)), best.covariance[0])
+        white = smooth.estimate.whitener @ best.shapes[0]
+        sizes = float(np.sum(white @ best.covariance[0] * white))
+        return smooth.posterior.effective + sizes + len(self.candidates[0].positions)
 
 
 def average(
@@ -225,8 +211,9 @@ def average(
     data leave open is averaged.
     """
     if known or other:
-        axis, tied = (other.axis, other.candidates[0]) if other else (known[0].axis, None)
-        return Posterior.of(plausible(estimate.on(axis), known=known, tied=tied))
+        tied = None if other is None else other.candidates[0]
+        estimate = estimate.on(tied.smooth.estimate.axis if tied else known[0].axis)
+        return Posterior.of(plausible(estimate, known=known, tied=tied))
     candidates = plausible(estimate)
     found = Posterior.of(candidates)
     best, usual = found.candidates[0], estimate.axis
@@ -295,9 +282,8 @@ def distinct(sets: Iterable[Candidate]) -> list[Candidate]:
     """Return sets of switches without repetitions."""
     out: list[Candidate] = []
     for switches in sets:
-        own = switches.positions
+        own, offset = switches.positions, switches.smooth.estimate.axis.offset
         alike = (each.positions for each in out if len(each.positions) == len(own))
-        offset = switches.smooth.estimate.axis.offset
         if not any((np.abs(offset(each, own)) < SAME).all() for each in alike):
             out.append(switches)
     return out

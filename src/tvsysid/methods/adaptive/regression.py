@@ -135,16 +135,18 @@ class FreeEstimates:
             rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
             return whitening_filters(more, signals.independent, rate, periodic)
 
-        # A reflex's differences take up what decimation does to the acceleration.
-        low_band, filters = signals.reflex is None, filters_with(WHITE_SHARE)
+        def weighted(filters: Array) -> Weighted:
+            # A reflex's differences take up what decimation does to the acceleration.
+            return Weighted.by(columns, filters, low_band=signals.reflex is None)
+
+        filters = filters_with(WHITE_SHARE)
         self.whitens = self.whitens and excess_variance(signals, filters, residual) < MAX_EXCESS
         if self.whitens:
-            self.weights = (Weighted.by(columns, filters, low_band),) * 2
+            self.weights = (weighted(filters),) * 2
         else:
             mild = filters_with(MISFIT_SHARE)
-            coloured = np.asarray(np.linalg.inv(filters).T @ (mild.T @ mild), dtype=np.float64)
-            weighted, sandwich = (Weighted.by(columns, each, low_band) for each in (mild, coloured))
-            self.weights = weighted, sandwich
+            coloured = np.linalg.inv(filters).T @ (mild.T @ mild)
+            self.weights = weighted(mild), weighted(np.asarray(coloured, dtype=np.float64))
         return noise
 
     def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:

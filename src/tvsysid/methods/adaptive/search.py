@@ -20,9 +20,6 @@ MAX_POSITIONS = 400  # of one more switch
 MAX_FIRST = 200  # of the first switch
 MAX_PAIRED = 100  # of each of the first two switches
 FIRST_SIZE = 0.2  # standard deviation of the first one or two switches, in mean sizes
-MAX_STEPS = 60  # of the search
-MAX_SWITCHES = 12
-MIN_GAIN = 1e-6  # log evidence of a step below which the search beside a smooth part ends
 MAX_GAIN = 50.0  # log evidence that a further switch is expected to bring at most
 SLACK = 5.0  # log evidence below the best down to which a set without gain counts
 MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
@@ -152,7 +149,7 @@ def best_step(candidate: Candidate, grid: Grid) -> Candidate:
     smooth, count = candidate.smooth, len(candidate.positions)
     own, steps, options = smooth.steps(candidate.positions), smooth.beside(grid.steps), []
     rests = [np.delete(np.arange(count), place) for place in range(count)]
-    for kept in [*rests, np.arange(count)] if count < MAX_SWITCHES else rests:
+    for kept in [*rests, np.arange(count)]:
         rest = own.take(kept)
         scores = smooth.scores_with(rest, steps).max(axis=0)
         best = int(np.argmax(scores))
@@ -194,7 +191,7 @@ def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
     found, still_open, ended = list(first), {each.smooth: each for each in first}, set[bytes]()
     # The search begins only where a gain as large, and REACH more, would make it the best.
     gains = {each.smooth: max(each.score - each.smooth.score, REACH) + REACH for each in first}
-    for _ in range(MAX_STEPS):
+    while True:
         best = max(map(BY_SCORE, found))
         able = [
             each
@@ -213,7 +210,7 @@ def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
             found.append(after)
         still_open[before.smooth] = after
         gains[before.smooth] = after.score - before.score
-        if after.score - before.score <= MIN_GAIN:
+        if after.score <= before.score:
             ended.add(before.positions.tobytes())
             del still_open[before.smooth]
     best, none = max(map(BY_SCORE, found)), first[0].smooth

@@ -82,20 +82,20 @@ class Run:
         cls,
         ensembles: Sequence[Ensemble],
         realizations: NDArray[np.int64],
+        clock: float,
         kernel: Kernel,
         band: tuple[float, float],
     ) -> Run:
-        """Join realizations; the angle of a second ensemble is the instrument."""
+        """Join realizations from a ``clock`` time on; a second ensemble is the instrument."""
         ensemble = ensembles[0]
         rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
         angles = [differentiate(joined(each, realizations), rate) for each in ensembles]
         torque = ensemble.torque[realizations, ensemble.core].reshape(1, -1)
         samples = torque.size
-        signals = np.concatenate([*angles, torque[:, lost : samples - lost]])
-        signals = np.pad(signals, ((0, 0), (lost, lost)))
-        first = realizations[0]
-        clock = clocks_of(ensemble)[first] + np.arange(samples) / rate
-        slow = kernel.slow_features(clock).T
+        signals = np.zeros((3 * len(angles) + 1, samples))
+        known = slice(lost, samples - lost)
+        signals[:, known] = np.concatenate([*angles, torque[:, known]])
+        slow = kernel.slow_features(clock + np.arange(samples) / rate).T
         products = (signals[:-1, None] * slow).reshape(-1, samples)
         low, high = (frequency * samples / rate for frequency in band)
         bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
@@ -111,7 +111,7 @@ class Run:
             np.einsum("mt,mt->m", signals, signals),
             bins,
             reach,
-            float(ensemble.onsets[first]),
+            float(ensemble.onsets[realizations[0]]),
             len(realizations),
             samples,
             samples - 2 * lost,
@@ -194,7 +194,8 @@ class Record:
         ensemble = ensembles[0]
         lost = max(0, HALF_WIDTH - ensemble.context)
         long = [each for each in ensemble.runs if len(each) * ensemble.samples > 2 * lost + 1]
-        runs = tuple(Run.of(ensembles, each, kernel, band) for each in long)
+        clocks = clocks_of(ensemble)
+        runs = tuple(Run.of(ensembles, each, clocks[each[0]], kernel, band) for each in long)
         if not any(len(run.frequency) for run in runs):
             raise InputError(
                 f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples "

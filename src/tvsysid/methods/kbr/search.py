@@ -94,7 +94,7 @@ class Likelihood:
         with np.errstate(divide="ignore"):
             strength = variances + np.log(np.diag(self.moments.gram)) - theta[4]
         counts = self.flat | (strength > math.log(FAINT))
-        precision = np.where(self.flat, 0.0, np.exp(-np.where(counts, variances, 0.0)))[counts]
+        precision = np.where(self.flat[counts], 0.0, np.exp(-variances[counts]))
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
         by_variances = found.by_variances
         by_gamma = np.bincount(self.signal[counts], by_variances, minlength=3)

@@ -50,14 +50,6 @@ def test_the_recorded_angle_is_kept(random, steps):
     assert {*second[302:]} == {angle[-1]}
 
 
-def test_the_recorded_angle_goes_where_the_angle_goes(random):
-    angle = np.cumsum(random.normal(size=4000))
-    low = tv.preprocess.trim(tv.preprocess.decimate(recording_of(angle), 100), 0.2)
-    ensemble = tv.preprocess.segment(low, 0.5, context=0.1)
-    found = tv.preprocess.subtract_mean(ensemble).recorded_angle.reshape(6, -1)
-    np.testing.assert_array_equal(found, [angle[start:][:700] for start in range(600, 3600, 500)])
-
-
 def test_a_low_rate_is_warned_of(random):
     recording = recording_of(random.normal(size=1000))
     with pytest.warns(

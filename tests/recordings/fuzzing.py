@@ -4,14 +4,16 @@ import contextlib
 import multiprocessing
 import os
 import resource
+import struct
 import traceback
 import warnings
+import zlib
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 
 import numpy as np
-from tests.recordings import files, mutations
+from tests.recordings import files
 
 from tvsysid import Ensemble, InputError, Recording
 from tvsysid.recordings import (
@@ -23,6 +25,7 @@ from tvsysid.recordings import (
     write_recording,
 )
 
+EXTREMES = (0, 1, 8, *(2**bits - sign for bits in (7, 8, 15, 16, 31, 32, 63) for sign in (0, 1)))
 MAX_BYTES = 8 * 2**30  # of addresses, for each process
 MAX_SECONDS = 90  # on a machine that has other work
 LOADERS = {"recording": load_recording, "ensemble": load_ensemble}  # of files with such a name
@@ -59,6 +62,34 @@ MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.
 COMPRESSED = ("version7.mat", "recording.mat", "ensemble.mat", "object.mat")
 
 
+def damaged(random, content):
+    """One to three blocks, mostly short, flipped, blanked, cut, repeated, extreme or the last."""
+    for _ in range(random.choice([1, 2, 3], p=[0.6, 0.3, 0.1])):
+        width = int(random.choice([1, 2, 4, 8, 512]))
+        place = int(random.integers(max(len(content) - width, 1)))
+        place -= place % width if width < 9 and random.random() < 0.8 else 0  # mostly aligned
+        block, extreme = content[place : place + width], EXTREMES[random.integers(len(EXTREMES))]
+        number = (extreme % 256**width).to_bytes(width, str(random.choice(["little", "big"])))
+        flipped = bytes(each ^ (1 << int(random.integers(8))) for each in block)
+        kinds = [flipped, bytes(width), b"\xff" * width, b"", block * 20, number, number, number]
+        end = len(content) if random.random() < 0.1 else place + width
+        content = content[:place] + kinds[random.integers(len(kinds))] + content[end:] or content
+    return content
+
+
+def inside_mat(random, content):
+    """Damage one variable of a MAT file before it is compressed: so the parser sees it."""
+    elements, place = [], 128
+    while place + 8 <= len(content):
+        _, size = struct.unpack_from("<II", content, place)
+        elements.append(content[place : place + 8 + size])
+        place += 8 + size
+    chosen = random.choice([number for number, each in enumerate(elements) if each[0] == 15])
+    data = zlib.compress(damaged(random, zlib.decompress(elements[chosen][8:])))
+    elements[chosen] = struct.pack("<II", 15, len(data)) + data
+    return content[:128] + b"".join(elements)
+
+
 def sound_files(folder):
     """A small file of each format, by name; a MAT file's header tells no time."""
     random = np.random.default_rng(1)
@@ -76,7 +107,7 @@ def mutant(sound, seed, number):
     random = np.random.default_rng([seed, number])
     name = list(sound)[number % len(sound)]
     inside = name in COMPRESSED and random.random() < 0.7
-    change = mutations.inside_mat if inside else mutations.damaged
+    change = inside_mat if inside else damaged
     return name, change(random, sound[name])
 
 

@@ -235,7 +235,7 @@ def test_angles_and_moments_that_c3d_stores_as_points(tmp_path, signals):
     np.testing.assert_allclose(recording.torque, signals[1], rtol=1e-6, atol=1e-9)
     described = describe_file(file)
     labels = ("LAnkleAngles", "LAnkleMoment", "LANK")
-    assert [*described] == [f"{label}.{axis}" for label in labels for axis in "xyz"]
+    assert {*described} == {f"{label}.{axis}" for label in labels for axis in "xyz"}
     assert [described[name].unit for name in (*names.values(), "LANK.y")] == ["deg", "Nmm", "mm"]
     with pytest.warns(tv.DataQualityWarning, match=r"unit 'Nmm' for LAnk.*|has an RMS|'deg'"):
         read(file, **names)

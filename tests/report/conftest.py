@@ -10,6 +10,7 @@ from tests.experimental import claims as experimental_claims
 from tests.experimental import experiment_of
 from tests.experimental import fail as fail_recording
 from tests.experimental import summary_of as experimental_summary
+from tests.faults import cut, late, simulated
 from tests.synthetic import SQUARE, claims, fail, responses_of, results_of, summary_of
 
 import tvsysid as tv
@@ -132,6 +133,19 @@ def identification_page(identified, tmp_path_factory):
     """Path of an identification's page."""
     path = tmp_path_factory.mktemp("report") / "report.html"
     tv.report.write_identification(path, identified, "tvsysid identify ankle.mat && echo")
+    return path
+
+
+@pytest.fixture(scope="session")
+def diagnoses():
+    recording = simulated(60.0)
+    return {"clean": tv.diagnose(cut(recording)), HOSTILE: tv.diagnose(cut(late(recording)))}
+
+
+@pytest.fixture(scope="session")
+def diagnosis_page(diagnoses, tmp_path_factory):
+    path = tmp_path_factory.mktemp("diagnosis") / "diagnosis.html"
+    tv.report.write_diagnosis(path, diagnoses, "tvsysid inspect ankle.mat --diagnose && echo")
     return path
 
 

@@ -18,12 +18,6 @@ CHECKS = """
   seen.chosen = [rows().filter((row) => !row.hidden).length, count.textContent];
   const choice = page.getElementById("ranking-table-choice");
   choice.value = ""; choice.dispatchEvent(new Event("change"));
-  const lines = (cell) => {
-    const range = page.createRange();
-    range.selectNodeContents(cell);
-    return new Set([...range.getClientRects()].map((part) => part.top)).size;
-  };
-  seen.names = [...page.querySelectorAll(".label")].map((cell) => [cell.textContent, lines(cell)]);
   seen.all = rows().filter((row) => !row.hidden).length;
   const number = (cell) => cell.classList.contains("number")
     ? cell.textContent.replace("−", "-").replace("–none", "").split(" ")[0] : null;
@@ -62,12 +56,6 @@ def test_pictures_are_shown(seen):
 def test_a_phone_scrolls_tables_but_not_the_page(seen):
     assert seen["width"] <= 360
     assert seen["focused"]
-
-
-def test_names_of_methods_are_not_broken_within_a_word(seen):
-    lines = [count for name, count in seen["names"] if name == "sds:window=0.2"]
-    assert lines
-    assert set(lines) == {1}
 
 
 def test_one_scenario_is_shown_first_and_all_on_demand(seen):
@@ -109,13 +97,6 @@ def test_other_pages_are_shown_on_a_phone(browser, request, tmp_path, name, pict
     seen = look(browser, request.getfixturevalue(name), SHOWN, tmp_path)
     assert (seen["broken"], seen["images"]) == ([], [True] * pictures)
     assert seen["width"] <= 360
-
-
-def test_it_prints(browser, page, tmp_path):
-    browser("--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}", page.as_uri())
-    content = (tmp_path / "page.pdf").read_bytes()
-    assert content.startswith(b"%PDF")
-    assert len(re.findall(rb"/Type\s*/Page\b", content)) > 3
 
 
 def test_a_sheet_is_one_page_of_paper(browser, sheet_page, tmp_path):

@@ -88,11 +88,8 @@ def test_a_paragraph_is_ready_to_paste(elements, identified):
     assert entries.count("{") == entries.count("}")
 
 
-def test_it_loads_nothing_and_says_what_was_typed(identification_page, elements):
-    assert not re.search(r'(src|href)="https?:', identification_page.read_text())
+def test_it_says_what_was_typed(identification_page):
     assert "tvsysid identify ankle.mat &amp;&amp; echo" in identification_page.read_text()
-    anchors = [attrs["id"] for _, attrs, _ in elements.found if "id" in attrs]
-    assert len(anchors) == len(set(anchors))
 
 
 def test_every_method_says_how_its_stiffness_differs_and_cites_what_there_is():

@@ -18,9 +18,8 @@ MODEL_OUTPUTS = ("ANGLE", "FORCE", "MOMENT", "POWER", "SCALAR")
 def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read signals by label, with the units and rates that the file states.
 
-    Analog channels come first, then points, an axis each: ``LAnkleAngles.x``. Joint angles, forces,
-    moments, powers and scalars go before markers. Labels that several signals share are followed by
-    a number: ``Voltage (3)``, ``C7 (4).x``.
+    Analog channels come first, then points, an axis each: ``LAnkleAngles.x``. Labels that several
+    signals share are followed by a number: ``Voltage (3)``, ``C7 (4).x``.
     """
     import ezc3d  # noqa: PLC0415  # optional
 
@@ -43,8 +42,8 @@ def read_c3d(file: Path) -> Iterator[tuple[str, Channel]]:
     }
     labels = padded(_texts(about, "LABELS"), points.shape[1])
     marker_unit, names = "".join(_texts(about, "UNITS")), numbered(labels)
-    for point in sorted(range(len(labels)), key=lambda each: labels[each] not in model_units):
-        unit = model_units.get(labels[point], marker_unit)
+    for point, label in enumerate(labels):
+        unit = model_units.get(label, marker_unit)
         for axis, values in zip("xyz", points[:, point], strict=True):
             yield f"{names[point]}.{axis}", channel_of(values, unit, rate)
 

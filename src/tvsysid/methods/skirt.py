@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import NamedTuple
 
 import attrs
@@ -123,9 +122,7 @@ class SkirtDecomposition(base.Method):
         samples = ensemble.samples
         expansions = block_diag(skirts.features, skirts.features, np.ones((samples, 1)))
         expansions = expansions.reshape(3, samples, -1)
-        errors = partial(
-            shared.posterior_errors, expansions, [covariance] * 3, skirts.freedom, samples
-        )
+        errors = shared.posterior_errors(expansions, [covariance] * 3, skirts.freedom, samples)
         return Model(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
@@ -166,12 +163,11 @@ class Lines(NamedTuple):
         for trial in np.unique(trials):
             own = trials == trial
             part, values = waves[:, own].reshape(len(lines), -1), angle[own].ravel()
-            columns = np.concatenate([part.real, -part.imag, np.ones((1, len(values)))])
+            columns = np.concatenate([part, part.conj(), np.ones((1, len(values)))])
             weights = np.linalg.lstsq(columns.T, values, rcond=None)[0]
-            left += np.sum((values - weights @ columns) ** 2)
-            total += np.sum((values - weights[-1]) ** 2)
-            real, imaginary = weights[:-1].reshape(2, -1)
-            waves[:, own] *= (real + 1j * imaginary)[:, None, None]
+            left += np.sum((values - (weights @ columns).real) ** 2)
+            total += np.sum((values - weights[-1].real) ** 2)
+            waves[:, own] *= 2 * weights[: len(lines), None, None]
         return cls(lines, waves, 1 - float(left / total))
 
     def room(self, ensemble: Ensemble) -> float:

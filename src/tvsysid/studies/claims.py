@@ -136,6 +136,8 @@ class Claim:
         Why the claim may fail, where that is known.
     most
         Whether more than half of the comparisons suffice.
+    all_of
+        Methods without which it is not studied.
     """
 
     sentence: str
@@ -144,11 +146,13 @@ class Claim:
     comparisons: Sequence[tuple[Any, ...]]
     disagreement: str = ""
     most: bool = False
+    all_of: Sequence[str] = ()
 
     def margins(self, evidence: Evidence) -> list[tuple[Array, str, str]]:
         """Return samples and unit of each margin, and its numbers in words."""
         compared = []
-        for margin, *axes in self.comparisons:
+        is_studied = {key[1] for key in evidence.values} >= set(self.all_of)
+        for margin, *axes in self.comparisons if is_studied else ():
             parts = [axis(evidence) if callable(axis) else axis for axis in axes]
             for place in product(*map(_several, parts)):
                 keys = list(product(*map(_several, place)))

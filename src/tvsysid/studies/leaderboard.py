@@ -82,7 +82,7 @@ def study_of(
     Further ``scenarios`` and ``changes`` of settings make it another one than the version's. An
     installed method that cannot be made as it is is left out, with a warning.
     """
-    first, *others = ({name: (value,) for name, value in each._asdict().items()} for each in KINDS)
+    first, *others = (each._asdict() for each in KINDS)
     installed = list(names())
     for name in names():
         try:
@@ -133,14 +133,13 @@ def scores_of(errors: Array, counts: Array | None = None) -> Array:
 
 def replicates_of(errors: Array) -> Array:
     """Return scores of resampled trials, (draw, entry), with the spread of new trials."""
-    scenarios, trials, entries = errors.shape
-    if trials < 2:
-        return np.full((DRAWS, entries), np.nan)
-    random, share = np.random.default_rng(0), np.full(trials, 1 / trials)
-    counts = random.multinomial(trials, share, (DRAWS, scenarios)).astype(float)
-    drawn = scores_of(errors, counts)
-    # A bootstrap draw varies less than a sample does
-    mean, wider = drawn.mean(axis=0), np.sqrt(trials / (trials - 1))
+    scenarios, trials, _ = errors.shape
+    counts = np.random.default_rng(0).multinomial(
+        trials, np.full(trials, 1 / trials), (DRAWS, scenarios)
+    )
+    drawn = scores_of(errors, counts.astype(np.float64))
+    # A bootstrap draw varies less than a sample does; one trial has no spread
+    mean, wider = drawn.mean(axis=0), np.sqrt(trials / (trials - 1 or np.nan))
     return np.asarray(mean + wider * (drawn - mean))
 
 

@@ -11,7 +11,7 @@ import attrs
 
 from tvsysid.figures import Illustration, draw_all
 from tvsysid.quality import Diagnosis
-from tvsysid.recordings import whole_file
+from tvsysid.recordings.write import write_table
 from tvsysid.report import write_report
 from tvsysid.studies.claims import Claim, Evidence, judge_claims, simulation_evidence
 from tvsysid.study import by_full_name, score, summarize
@@ -99,5 +99,4 @@ def write_study(
 def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:
     """Write tables as CSV files with six digits."""
     for name, table in tables.items():
-        with whole_file(folder / name) as file:
-            table.to_csv(file, index=False, float_format="%.6g")
+        write_table(folder / name, table)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import hashlib
 import os
+import pickle
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -85,12 +86,9 @@ class Prepared:
         """Hash of the ensemble; empty if there is none."""
         if self.ensemble is None:
             return ""
-        digest = hashlib.sha256()
         parts = attrs.asdict(self.ensemble, recurse=False)
-        for name, part in (parts | dict(parts.pop("channels"))).items():
-            is_array = isinstance(part, np.ndarray)
-            digest.update(name.encode() + (part.tobytes() if is_array else repr(part).encode()))
-        return digest.hexdigest()[:16]
+        parts["channels"] = dict(parts["channels"])
+        return hashlib.sha256(pickle.dumps(parts)).hexdigest()[:16]
 
 
 def prepared_recordings(

@@ -12,9 +12,9 @@ from tvsysid.figures.results import of_quantity, scenario_traits, unique
 from tvsysid.figures.words import perturbation_name, profile_name
 from tvsysid.methods import BasisIRF, EnsembleIRF, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
-from tvsysid.preprocess import decimate, segment
 from tvsysid.studies.pictures import comparison, coverage
-from tvsysid.study.scenarios import PERIOD, RATE, Scenario, Study
+from tvsysid.study.scenarios import RATE, Scenario, Study
+from tvsysid.study.trials import cut, simulate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,14 +124,8 @@ def example_responses(seed: int = 0) -> xr.Dataset:
     import xarray as xr  # noqa: PLC0415  # heavy
 
     study = Study(seed=seed)
-    system, perturbation = study.simulated(SCENARIO)
-    simulation = system.simulate(
-        SCENARIO.duration_s,
-        perturbation=perturbation,
-        snr_db=SCENARIO.snr_db,
-        seed=study.seed_of(SCENARIO, 0),
-    )
-    ensemble = segment(decimate(simulation.recording, RATE), PERIOD)
+    simulation = simulate(study, SCENARIO, 0)
+    ensemble = cut(study, simulation.recording)
     methods = {
         "eirf": EnsembleIRF(), "sds": ShortDataSegments(), "birf": BasisIRF(model="irf")
     }  # fmt: skip

@@ -49,15 +49,18 @@ def write_experiment(
         they are.
     """
     results = results.load()
+    excluded = exclusions(prepared)
     tables = {
         "summary.csv": summarize(results),
         "claims.csv": judge_claims(CLAIMS, experiment_evidence(results)),
         "stiffness.csv": stiffness_over_time(results),
         "alignment.csv": alignments(results),
-        "exclusions.csv": _exclusions(prepared, folder / "exclusions.csv"),
+        **({"exclusions.csv": excluded} if prepared else {}),
     }
     write_tables(folder, tables)
-    summary, claims, _, aligned, excluded = tables.values()
+    summary, claims, aligned = (
+        tables[f"{name}.csv"] for name in ("summary", "claims", "alignment")
+    )
     summary, changed = of_quantity(summary), alignment.notable(aligned)
     who, excerpts, preparations, diagnoses = representative(results, summary), {}, {}, {}
     for each in prepared:
@@ -69,9 +72,11 @@ def write_experiment(
                 excerpts[label], preparations[label] = each.excerpt, each.preparation
     figures = experiment_figures(results, summary, excerpts, preparations)
     pictures = draw_all(figures | participant_figures(results), folder / "figures")
+    files = ["report.html", *tables, "prepared/", f"figures/ ({len(pictures)})"]
     if diagnoses:
         notes = {str(name): _advice(each) for name, each in changed.groupby("recording")}
         write_diagnosis(folder / "diagnosis.html", diagnoses, command, notes)
+        files.insert(1, "diagnosis.html")
     write_experiment_report(
         folder / "report.html",
         results,
@@ -83,21 +88,9 @@ def write_experiment(
         COUNTS,
         aligned,
     )
-    pages = ["report.html", *(["diagnosis.html"] if diagnoses else [])]
-    files = (*pages, *tables, "prepared/", f"figures/ ({len(pictures)})")
     told = f"{', '.join(changed.recording)}: {_advice(changed)}" if len(changed) else ""
-    return Written(summary, claims, files, diagnoses, told)
+    return Written(summary, claims, tuple(files), diagnoses, told)
 
 
 def _advice(changed: pd.DataFrame) -> str:
     return f"{alignment.sentence(changed)} {alignment.REMEDY}"
-
-
-def _exclusions(prepared: Sequence[Prepared], kept: Path) -> pd.DataFrame:
-    """Return the table of exclusions; the one in the folder if the recordings are gone."""
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    if prepared or not kept.is_file():
-        return exclusions(prepared)
-    missing = {"reached": [""], "limit": [""]}
-    return pd.read_csv(kept, keep_default_na=False, na_values=missing)

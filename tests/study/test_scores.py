@@ -74,19 +74,10 @@ def test_summary_holds_every_metric(results):
         .value
     )
     found = results.sel(scenario="square-prbs-60s-10dB", method_key="sds")
-    estimates, truth = (
-        found.estimate.sel(quantity="stiffness").values,
-        found.truth.sel(quantity="stiffness").values,
-    )
-    assert cell["bias_error"] == tv.metrics.bias_error(estimates, truth)
-    assert cell["total_error"] ** 2 == pytest.approx(
-        cell["bias_error"] ** 2 + cell["random_error"] ** 2
-    )
-    assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, estimates)
-    share = found.covered.sel(quantity="stiffness").values.mean()
-    assert cell["coverage"] == pytest.approx(100 * share)
-    assert 0.5 < share < 1
-    assert cell["vaf"] == pytest.approx(float(found.vaf.sel(statistic="mean").mean()))
+    own = found.sel(quantity="stiffness")
+    assert cell["bias_error"] == tv.metrics.bias_error(own.estimate.values, own.truth.values)
+    assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, own.estimate.values)
+    assert cell["coverage"] == pytest.approx(100 * own.covered.values.mean())
     assert cell["lowest_vaf"] == found.vaf.sel(statistic="mean").min()
     assert cell["left_out"] == cell["failed"] == 0
     assert set(table.trials) == {3}

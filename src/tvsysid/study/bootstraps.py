@@ -89,10 +89,14 @@ def results_of(
 ) -> xr.Dataset:
     """Return the results of all analyses, and what became of each recording."""
     recordings, analyses = experiment.recordings, experiment.analyses
-    labels = {
-        "recording": [each.label for each in recordings],
-        "bootstrap": range(experiment.bootstraps),
-        "analysis": [each.label for each in analyses],
+    coordinates = {
+        "recording": ("recording", [each.label for each in recordings]),
+        "participant": ("recording", [each.participant for each in recordings]),
+        "perturbation": ("recording", [each.perturbation for each in recordings]),
+        "bootstrap": ("bootstrap", range(experiment.bootstraps)),
+        "analysis": ("analysis", [each.label for each in analyses]),
+        "method_key": ("analysis", [each.name for each in analyses]),
+        "realizations": ("analysis", [each.realizations for each in analyses]),
     }
     truths = [
         at(over("time", truth=values), recording=item.recorded.label, quantity=name)
@@ -101,14 +105,8 @@ def results_of(
     ]
     period, rate = experiment.preparation["period"], experiment.preparation["rate"]
     about = {"title": EXPERIMENT, "experiment": experiment.to_json()}
-    results = dataset_of([*scores, *truths], labels, period, rate, **about)
+    results = dataset_of([*scores, *truths], coordinates, period, rate, **about)
     results = results.sel(statistic="mean", drop=True).transpose("recording", "analysis", ...)
-    results = results.assign_coords(
-        participant=("recording", [each.participant for each in recordings]),
-        perturbation=("recording", [each.perturbation for each in recordings]),
-        method_key=("analysis", [each.name for each in analyses]),
-        realizations=("analysis", [each.realizations for each in analyses]),
-    )
     facts = [_preparation_of(item) for item in prepared]
     for name in facts[0]:
         values = np.array([each[name] for each in facts])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.models import IMPEDANCE
 from tvsysid.recordings import whole_file
-from tvsysid.study.measure import AXES, STATISTICS, Axes, Scores, merge
+from tvsysid.study.measure import AXES, STATISTICS, Scores, merge
 from tvsysid.study.tasks import versions
 
 if TYPE_CHECKING:
@@ -49,14 +49,14 @@ VARIABLES: dict[str, tuple[str, ...]] = {
 """Meaning and unit of each variable."""
 
 
-def axes_of(results: xr.Dataset) -> Axes:
+def axes_of(results: xr.Dataset) -> tuple[str, str, str]:
     """Return the dimensions of results of either kind."""
-    return next(axes for axes in AXES if axes.case in results.dims)
+    return next(axes for axes in AXES if axes[0] in results.dims)
 
 
 def dataset_of(
     parts: Iterable[Scores],
-    labels: Mapping[str, Sequence[Any]],
+    coordinates: Mapping[str, tuple[Any, Any]],
     period: float,
     rate: float,
     **attributes: str,
@@ -67,8 +67,8 @@ def dataset_of(
     ----------
     parts
         Scores of tasks.
-    labels
-        Labels of the cases, draws and methods, by the name of their dimension.
+    coordinates
+        Dimensions and values of coordinates by name, those of cases, draws and methods among them.
     period, rate
         Duration of a realization in s, and sampling rate in Hz.
     attributes
@@ -76,6 +76,7 @@ def dataset_of(
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
+    labels = {name: values for name, (dims, values) in coordinates.items() if dims == name}
     scores = merge(parts, {**labels, "quantity": IMPEDANCE})
     if "unit" not in scores:
         reasons = [*scores["failure"][1].flat, *scores["warnings"][1].flat]
@@ -87,11 +88,12 @@ def dataset_of(
     for name in VARIABLES.keys() & results.keys():
         results[name].attrs = dict(zip(("long_name", "units"), VARIABLES[name], strict=False))
     time = {"units": "s", "long_name": f"time within a realization of {period:g} s"}
-    return results.assign_coords(
-        statistic=list(STATISTICS),
-        time=("time", np.arange(round(period * rate)) / rate, time),
-        unit=("quantity", [max(own) or UNITS.get(str(name), "") for name, own in units]),
-    ).assign_attrs(
+    further = {
+        "statistic": list(STATISTICS),
+        "time": ("time", np.arange(round(period * rate)) / rate, time),
+        "unit": ("quantity", [max(own) or UNITS.get(str(name), "") for name, own in units]),
+    }
+    return results.assign_coords({**coordinates, **further}).assign_attrs(
         attributes,
         versions=json.dumps(versions()),
         machine=f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",

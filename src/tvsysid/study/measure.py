@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import attrs
 import numpy as np
@@ -27,15 +27,8 @@ SKIPPED = "skipped: "  # beginning of the warning of a method that cannot identi
 STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
 
 
-class Axes(NamedTuple):
-    """Names of the dimensions along which cases, draws and methods lie."""
-
-    case: str
-    draw: str
-    method: str
-
-
-AXES = (Axes("scenario", "trial", "method_key"), Axes("recording", "bootstrap", "analysis"))
+AXES = ("scenario", "trial", "method_key"), ("recording", "bootstrap", "analysis")
+"""Dimensions along which cases, draws and methods lie, of simulations and of experiments."""
 
 
 @attrs.frozen

@@ -44,7 +44,6 @@ class Settings:
 
     def replaced(self, **settings: Any) -> Self:
         """Return the study with other values of some settings."""
-        check_keys(settings, attrs.fields_dict(type(self)))
         return attrs.evolve(self, **settings)
 
 

@@ -28,7 +28,7 @@ from tvsysid.methods import Method, label_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.recordings import whole_file
 from tvsysid.signals import Ensemble
-from tvsysid.study.measure import Axes, Scores, Truth, at, measure, merge, over
+from tvsysid.study.measure import Scores, Truth, at, measure, merge, over
 
 
 @cache
@@ -57,7 +57,7 @@ class Task:
         Software of the process that made the task.
     """
 
-    axes: Axes
+    axes: tuple[str, str, str]
     case: str
     draw: Callable[[int], tuple[Ensemble, Truth]]
     draws: Sequence[int]
@@ -75,19 +75,20 @@ class Task:
     def scores(self) -> Scores:
         """Return scores over cases, draws and methods. Equal draws are identified once."""
         found: dict[int, list[Scores]] = {}
+        case, draw, axis = self.axes
         parts = []
         for number in self.draws:
             started = time.perf_counter()
             ensemble, truth = self.draw(number)
-            key = hash(ensemble.angle.tobytes())
+            key, identified = hash(ensemble.angle.tobytes()), 0.0
             if key not in found:
                 found[key] = [
-                    at(measure(method, ensemble, truth), **{self.axes.method: label})
+                    at(measure(method, ensemble, truth), **{axis: label})
                     for label, method in self.methods.items()
                 ]
-            identified = np.nansum([scores["seconds"][1] for scores in found[key]])
+                identified = float(np.nansum([each["seconds"][1] for each in found[key]]))
             own = over(other_seconds=time.perf_counter() - started - identified)
-            place = {self.axes.case: self.case, self.axes.draw: number}
+            place = {case: self.case, draw: number}
             parts += [at(each, **place) for each in (*found[key], *truth.scores(), own)]
         return merge(parts)
 

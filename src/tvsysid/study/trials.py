@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
@@ -90,19 +90,17 @@ def tasks_of(study: Study) -> list[Task]:
 def results_of(study: Study, scores: Iterable[Scores]) -> xr.Dataset:
     """Return the results of all trials, with the traits of each scenario."""
     scenarios, methods = study.scenarios, list(study.named_methods)
-    labels = {
-        "scenario": [each.label for each in scenarios],
-        "trial": range(study.trials),
-        "method_key": methods,
-    }
-    about = {"title": SIMULATIONS, "study": study.to_json()}
-    results = dataset_of(scores, labels, study.period, study.rate, **about)
-    columns = zip(TRAITS, zip(*scenarios, strict=True), strict=True)
     asked = [[label in study.methods_of[each] for label in methods] for each in scenarios]
-    results = results.assign_coords(
-        {name: ("scenario", list(values)) for name, values in columns}
-        | {"asked": (("scenario", "method_key"), asked)}
-    )
+    coordinates: dict[str, Any] = {
+        "scenario": ("scenario", [each.label for each in scenarios]),
+        "trial": ("trial", range(study.trials)),
+        "method_key": ("method_key", methods),
+        "asked": (("scenario", "method_key"), asked),
+    }
+    for name, values in zip(TRAITS, zip(*scenarios, strict=True), strict=True):
+        coordinates[name] = "scenario", list(values)
+    about = {"title": SIMULATIONS, "study": study.to_json()}
+    results = dataset_of(scores, coordinates, study.period, study.rate, **about)
     truth = results.truth.values
     if np.allclose(truth, truth[:, :1], rtol=1e-6, equal_nan=True):
         return results.assign(truth=results.truth.isel(trial=0, drop=True))

@@ -10,7 +10,7 @@ from tests.study.recorded.conftest import READING, SHORT, SMALL, write_trials
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
-from tvsysid.study import Experiment, of_quantity, read_results, run, summarize
+from tvsysid.study import Experiment, of_quantity, run, summarize
 from tvsysid.study.bootstraps import tasks_of
 
 pytestmark = pytest.mark.usefixtures("few_groups")
@@ -159,36 +159,6 @@ def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
     assert all("a block of 50 realizations cannot be drawn from" in text for text in failures)
     assert "50 realizations are drawn from 33: they vary less" in str(results.remarks.values[0])
     assert np.isfinite(results.estimate.sel(quantity="stiffness").values[0, 1]).all()
-
-
-def moved(tmp_path):
-    """An experiment on two participants in a folder, of whom one has no files yet."""
-    folder = tmp_path / "first"
-    (folder / "a").mkdir(parents=True)
-    write_trials(folder / "a")
-    return folder, {
-        "participants": {"A": {"noise": "a/trial*.mat"}, "B": {"noise": "b/trial*.mat"}},
-        "reading": READING,
-        "preparation": SHORT, "methods": "birf", "realizations": 10, "bootstraps": 3,
-    }  # fmt: skip
-
-
-@pytest.mark.slow
-def test_a_recording_that_is_mended_is_done_and_the_others_are_kept(tmp_path):
-    folder, settings = moved(tmp_path)
-    first = run(Experiment(**settings, folder=folder), folder, workers=1)
-    assert np.isnan(first.estimate.sel(quantity="stiffness")[1]).all()
-    (folder / "b").mkdir()
-    write_trials(folder / "b", stiffness=50.0)
-    seen = []
-    second = run(
-        Experiment(**settings, folder=folder), folder, workers=1,
-        progress=lambda done, total: seen.append(done),
-    )  # fmt: skip
-    assert seen == [1, 2]
-    np.testing.assert_array_equal(second.estimate[0], first.estimate[0])
-    assert float(second.estimate.sel(quantity="stiffness")[1].mean()) == pytest.approx(50, rel=0.1)
-    same(read_results(folder), second)
 
 
 def test_doubts_of_every_draw_are_kept(small):

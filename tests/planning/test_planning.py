@@ -113,7 +113,9 @@ def test_realizations_that_differ_need_more_of_them():
     ensemble = ensemble_of(40.0, "sine", "noise")
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
     other = attrs.evolve(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
-    same, differs = (measure_excess(tv.BasisIRF(), Pilot.of(each), 0) for each in (ensemble, other))
+    same, differs = (
+        measure_excess(tv.BasisIRF(), Pilot.of(each), 12, 0) for each in (ensemble, other)
+    )
     assert same < 1.25
     law = attrs.evolve(curve(30 / np.sqrt(COUNTS)), excess=differs)
     assert law.at(20).random == pytest.approx(differs * 30 / np.sqrt(20), rel=1e-6)

@@ -23,7 +23,6 @@ from tvsysid.signals import Array, Ensemble
 MIN_REALIZATIONS = 5  # of the smallest ensembles
 RECORDS = 6  # simulated recordings from which ensembles are cut
 MAX_DURATION_S = 2400.0  # of the largest ensemble that is simulated
-SPLITS = 4  # of a pilot into random halves
 # Relative standard error of a random error below which no more ensembles are identified.
 MAX_UNCERTAINTY = 0.1
 BIAS_OCTAVES = 2.5  # of realizations over which a bias is averaged
@@ -149,7 +148,7 @@ def measure_curve(
     return Curve.of(rows, why)
 
 
-def measure_excess(method: Method, pilot: Pilot, seed: int) -> float:
+def measure_excess(method: Method, pilot: Pilot, draws: int, seed: int) -> float:
     """Return how many times as much a method's stiffness scatters in a pilot as simulated.
 
     Random halves of the pilot are compared with simulated ensembles as large. The result is 1 at
@@ -161,9 +160,9 @@ def measure_excess(method: Method, pilot: Pilot, seed: int) -> float:
     if half < MIN_REALIZATIONS:
         return 1.0
     own = attrs.evolve(pilot, perturbation=None, amplitude=pilot.recorded_amplitude)
-    simulated = (own.simulated(half, seed + number).ensemble for number in range(RECORDS))
-    promised = scatter(successful(identify_each(method, simulated)[0]))
-    orders = [random.permutation(len(recorded)) for _ in range(SPLITS)]
+    simulated = (own.simulated(half, seed + number).ensemble for number in range(draws))
+    known = successful(identify_each(method, simulated, MAX_UNCERTAINTY)[0])
+    orders = [random.permutation(len(recorded)) for _ in known]
     first, second = (
         identify_each(method, (recorded.select(np.sort(order[part])) for order in orders))[0]
         for part in (slice(half), slice(half, 2 * half))
@@ -171,7 +170,7 @@ def measure_excess(method: Method, pilot: Pilot, seed: int) -> float:
     apart = successful(first - second)
     # The median, because a method may break down in one of them.
     typical = np.median(np.sqrt(np.nanmean(apart**2, axis=1) / 2)) if len(apart) else math.nan
-    return max(1.0, float(typical / promised))  # 1 if neither is known
+    return max(1.0, float(typical / scatter(known)))  # 1 if neither is known
 
 
 def measure_rise(method: Method, record: Simulated, count: int, draws: int) -> float:

@@ -318,12 +318,15 @@ def test_what_data_leave_open_is_one_warning(name, text):
     assert [text in each for each in texts if "leave open" in each] == [True]
 
 
+def noisy(angle, random, viscosity=0.0):
+    """Return an ensemble with a stiffness of 80 N·m/rad, and noise."""
+    inner, torque = differentiate(angle, 100.0), np.zeros_like(angle)
+    torque[:, 12:-12] = 80 * inner[0] + viscosity * inner[1] + random.normal(size=inner[0].shape)
+    return tv.Ensemble(angle, torque, 100.0, context=12)
+
+
 def test_no_viscosity_is_negative_and_a_contradiction_is_reported(random):
-    angle = random.normal(size=(30, 120))
-    inner = differentiate(angle, 100.0)
-    torque = np.zeros_like(angle)
-    torque[:, 12:-12] = 80 * inner[0] - 0.5 * inner[1] + random.normal(size=inner[0].shape)
-    model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=12))
+    model = METHOD.identify(noisy(random.normal(size=(30, 120)), random, -0.5))
     texts = [text for text in model.diagnostics.warnings if "a negative viscosity" in text]
     assert len(texts) == 1
     assert model.viscosity.min() == model.estimates["viscosity"].band()[0].min() == 0
@@ -332,8 +335,7 @@ def test_no_viscosity_is_negative_and_a_contradiction_is_reported(random):
 def test_nothing_is_concluded_from_an_angle_that_is_still(random):
     angle = np.cumsum(random.normal(size=(40, 184)), axis=1)
     angle[:, 70:110] = 0.0
-    torque = 80 * angle + random.normal(size=angle.shape)
-    model = METHOD.identify(tv.Ensemble(angle, torque, 100.0, context=12))
+    model = METHOD.identify(noisy(angle, random))
     np.testing.assert_allclose(model.stiffness, 80, atol=0.5)
     assert not model.switches
 

@@ -10,7 +10,8 @@ The method in ``adaptive`` takes four steps:
 3. ``evidence`` gives each candidate the probability of the curve under it, with all coefficients
    integrated out. A rough smooth part fits any curve, and so makes this one improbable. A part that
    is too smooth leaves more than the noise explains.
-4. ``posterior`` averages the candidates, weighted by their evidence. ``model`` lists what they are.
+4. ``posterior`` averages the candidates, weighted by their evidence. ``model`` has the bands of
+   this mixture, and lists its switches.
 
 Viscosity is estimated in the same way, beside stiffness.
 """

@@ -155,7 +155,7 @@ class AdaptiveRegression(base.Method):
 
     def fit(self, ensemble: Ensemble) -> AdaptiveModel:
         """Return the model of an ensemble."""
-        return self._identified(ensemble, select_reflex(ensemble, JointCascade(emg=self.emg)), {})
+        return self._identified(ensemble, select_reflex(ensemble, self.emg), {})
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit with the hypotheses of a model: its reflex, smooth parts and numbers of switches.
@@ -180,7 +180,7 @@ class AdaptiveRegression(base.Method):
         """
         signals = Signals.of_second_order(ensemble)
         if selection is not None:
-            signals = Signals.with_reflex(ensemble, repr(JointCascade(emg=self.emg)), selection)
+            signals = Signals.with_reflex(ensemble, selection)
         free, found = FreeEstimates(ensemble, signals), dict[str, Posterior]()
         for turn in range(1 + MAX_ROUNDS):
             if turn == MAX_ROUNDS:

@@ -51,9 +51,10 @@ class FreeEstimates:
     covariance: Array
     identifiable: bool
     misfit: Array
+    whitens: bool
 
     def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
-        self.ensemble, self.signals, self.whitens = ensemble, signals, True
+        self.ensemble, self.signals = ensemble, signals
         at_times = np.ascontiguousarray(signals.columns.transpose(2, 0, 1))
         self.products = at_times @ at_times.transpose(0, 2, 1)
         recorded = ensemble.recorded_angle
@@ -140,7 +141,7 @@ class FreeEstimates:
             return Weighted.by(columns, filters, low_band=signals.reflex is None)
 
         filters = filters_with(WHITE_SHARE)
-        self.whitens = self.whitens and excess_variance(signals, filters, residual) < MAX_EXCESS
+        self.whitens = excess_variance(signals, filters, residual) < MAX_EXCESS
         if self.whitens:
             self.weights = (weighted(filters),) * 2
         else:

@@ -60,8 +60,8 @@ class Signals:
         )
 
     @classmethod
-    def with_reflex(cls, ensemble: Ensemble, method: str, selection: Selection) -> Signals:
-        """Return the signals of an ensemble with the reflex that a method selected.
+    def with_reflex(cls, ensemble: Ensemble, selection: Selection) -> Signals:
+        """Return the signals of an ensemble with the selected reflex.
 
         The columns after the acceleration are the angle's differences of higher order (the
         intrinsic response lasts 40 ms to either side), the reflex's columns, and their derivatives
@@ -78,23 +78,26 @@ class Signals:
             edges=(data.times.start, ensemble.samples - data.times.stop),
             independent=len(data.torque) - 1,
             prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
-            reflex=model_of(method, selection),
+            reflex=model_of(repr(JointCascade(emg=selection.search.emg)), selection),
             change_covariance=change @ fit.covariance[: data.own, : data.own] @ change.T,
         )
 
 
-def select_reflex(ensemble: Ensemble, method: JointCascade) -> Selection | None:
-    """Return the fit with a reflex if held-out realizations show one, else None."""
+def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
+    """Return the fit with a reflex if held-out realizations show one, else None.
+
+    A channel of EMG may drive the reflex.
+    """
     shown = None
     if len(ensemble) < MIN_TESTED_REALIZATIONS:
         return None
     try:
-        if method.emg is None:
+        if emg is None:
             test = reflex_test_of(ensemble)
             if not test.shown:
                 return None
             shown = "positive" if test.direction > 0 else "negative"
-        selection = method.search(ensemble).select(shown)
+        selection = JointCascade(emg=emg).search(ensemble).select(shown)
     except InputError:  # realizations are too short
         return None
     return selection if selection.shown else None

@@ -4,22 +4,6 @@ import pytest
 from tvsysid.numerics import moments, pseudoinverse
 
 
-@pytest.fixture
-def problem(random):
-    u = random.normal(size=(60, 50))
-    weights = random.normal(size=7)
-    y = moments.convolve_lags(u, np.tile(weights, (44, 1)))
-    return u, np.pad(y, ((0, 0), (3, 3))), weights
-
-
-def test_the_solution_is_exact_without_noise(problem):
-    u, y, weights = problem
-    phi_uu, phi_uy, _, _ = moments.lagged_moments(u, y, 3)
-    solution = pseudoinverse.full(phi_uu, phi_uy)
-    np.testing.assert_allclose(solution.weights, np.tile(weights, (44, 1)), atol=1e-9)
-    np.testing.assert_array_equal(solution.rank, 7)
-
-
 @pytest.mark.parametrize("order", ["natural", "output"])
 def test_rank_minimises_the_description_length(random, order):
     u, y = random.normal(size=(40, 30)), random.normal(size=(40, 30))

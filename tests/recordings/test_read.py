@@ -120,7 +120,7 @@ def test_trials_in_files_of_their_own(days):
 def test_trials_that_cannot_be_joined_are_refused(days, random):
     with refused(r"expected several files, got .*day0\.csv'; give a list"):
         read_days(days[0])
-    with refused("expected recordings with the same rate .* got none"):
+    with refused("expected recordings with the same rate"):
         read_days([])
     one, two = random.normal(size=(2, 50))
     first = tv.Recording(one, two, 100.0)
@@ -129,7 +129,7 @@ def test_trials_that_cannot_be_joined_are_refused(days, random):
         tv.Recording(one, two, 100.0, -1.0),
         tv.Recording(one, two, 100.0, channels={"emg": one}),
     ):
-        with refused(r"start \(s\) and channels, got .*\(100.0, 0.0\).*; read them alike"):
+        with refused(r"start \(s\) and channels; read them alike"):
             join_trials([first, other])
 
 

@@ -71,10 +71,8 @@ def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
         for path, data in items.items():
             series = path.removesuffix("/data")
             start, times, gains = (items.get(f"{series}/{name}") for name in NWB_PARTS)
-            if series == path or not (start or times):
-                continue
-            if getattr(data, "ndim", 0) not in (1, 2):
-                yield series, Channel((), data if isinstance(data, str) else "no signals")
+            is_signal = isinstance(data, h5py.Dataset) and data.ndim in (1, 2)
+            if series == path or not is_signal or not (start or times):
                 continue
             shape, about = data.shape[:1], getattr(start, "attrs", {})
             count = data.shape[1] if data.ndim == 2 else 1

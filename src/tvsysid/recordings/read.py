@@ -173,12 +173,10 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
 
     An InputError is raised if they differ in sampling rate, start or channels, or there are none.
     """
-    kinds = {(each.sampling_rate, each.start, *sorted(each.channels)) for each in recordings}
-    if len(kinds) != 1:
+    if len({(each.sampling_rate, each.start, *sorted(each.channels)) for each in recordings}) != 1:
         raise InputError(
-            "join_trials: expected recordings with the same rate (Hz), start (s) and channels, got "
-            f"{', '.join(map(str, sorted(kinds))) or 'none'}; read them alike, or decimate to one "
-            "rate before"
+            "join_trials: expected recordings with the same rate (Hz), start (s) and channels; "
+            "read them alike, or decimate to one rate before"
         )
     first, starts, length = recordings[0], [], 0
     for item in recordings:

@@ -16,7 +16,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.dataset_layout import Variable, Variables, layout
+from tvsysid.dataset_layout import Variables, layout
 from tvsysid.errors import InputError, printable
 from tvsysid.models import Model
 from tvsysid.recordings.channel import explained
@@ -127,18 +127,13 @@ def write_models(
     groups: dict[str, Group] = {"/": ({}, {**about, **texts})}
     for name, model in models.items():
         variables, coordinates, attributes = layout(model, ensemble)
-        groups[name] = dict(_without_complex({**coordinates, **variables})), attributes
+        plain: Variables = {}
+        for each, (axes, values, units) in {**coordinates, **variables}.items():
+            is_complex = np.iscomplexobj(values)
+            parts = {"_real": values.real, "_imag": values.imag} if is_complex else {"": values}
+            plain |= {f"{each}{end}": (axes, part, units) for end, part in parts.items()}
+        groups[name] = plain, attributes
     _save_netcdf(path, groups)
-
-
-def _without_complex(variables: Variables) -> Iterator[tuple[str, Variable]]:
-    """Yield variables, complex ones as a real and an imaginary part."""
-    for name, (axes, values, attributes) in variables.items():
-        if np.iscomplexobj(values):
-            yield f"{name}_real", (axes, values.real, attributes)
-            yield f"{name}_imag", (axes, values.imag, attributes)
-        else:
-            yield name, (axes, values, attributes)
 
 
 def _save_netcdf(path: str | Path, groups: Mapping[str, Group]) -> None:
@@ -294,9 +289,7 @@ def _variables(names: Iterable[str]) -> dict[str, str]:
     >>> _variables(["emg", "sv.Ankle (rad)", "angle"])
     {'emg': 'emg', 'sv.Ankle (rad)': 'channel_2_', 'angle': 'channel_3_'}
     """
-    taken, variables = set(RESERVED), {}
-    for number, name in enumerate(names, start=1):
-        is_free = VARIABLE.fullmatch(name) and name.lower() not in taken
-        variables[name] = name if is_free else f"channel_{number}_"
-        taken.add(name.lower())
-    return variables
+    return {
+        name: name if VARIABLE.fullmatch(name) and name not in RESERVED else f"channel_{number}_"
+        for number, name in enumerate(names, start=1)
+    }

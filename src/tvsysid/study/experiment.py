@@ -45,8 +45,6 @@ PAPER = {
     "kbr": "kbr:preset=experiment",
 }
 """The paper's methods with its settings for the experiment, by their keys."""
-
-
 PREPARATION = {
     name: setting.default
     for name, setting in inspect.signature(prepare).parameters.items()

@@ -25,8 +25,6 @@ Scores = dict[str, tuple[tuple[str, ...], NDArray[Any]]]
 dimension holds labels."""
 SKIPPED = "skipped: "  # beginning of the warning of a method that cannot identify the data
 STATISTICS = ("mean", "sd", "lowest")  # of the VAFs of realizations
-
-
 AXES = ("scenario", "trial", "method_key"), ("recording", "bootstrap", "analysis")
 """Dimensions along which cases, draws and methods lie, of simulations and of experiments."""
 

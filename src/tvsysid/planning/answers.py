@@ -217,7 +217,7 @@ def plan(
             curve = measure_curve(method, records, sizes[label], draws, advance)
             if isinstance(each, Pilot):
                 which = id(each.recorded), name  # all setups of a pilot have the same
-                excess[which] = excess.get(which) or measure_excess(method, each, draws, seed)
+                excess[which] = excess.get(which) or measure_excess(method, each, draws // 2, seed)
                 curve = attrs.evolve(curve, excess=excess[which])
             curves[label, name] = curve
             needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)

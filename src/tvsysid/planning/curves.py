@@ -161,8 +161,8 @@ def measure_excess(method: Method, pilot: Pilot, draws: int, seed: int) -> float
         return 1.0
     own = attrs.evolve(pilot, perturbation=None, amplitude=pilot.recorded_amplitude)
     simulated = (own.simulated(half, seed + number).ensemble for number in range(draws))
-    known = successful(identify_each(method, simulated, MAX_UNCERTAINTY)[0])
-    orders = [random.permutation(len(recorded)) for _ in known]
+    promised = scatter(successful(identify_each(method, simulated)[0]))
+    orders = [random.permutation(len(recorded)) for _ in range(draws)]
     first, second = (
         identify_each(method, (recorded.select(np.sort(order[part])) for order in orders))[0]
         for part in (slice(half), slice(half, 2 * half))
@@ -170,7 +170,7 @@ def measure_excess(method: Method, pilot: Pilot, draws: int, seed: int) -> float
     apart = successful(first - second)
     # The median, because a method may break down in one of them.
     typical = np.median(np.sqrt(np.nanmean(apart**2, axis=1) / 2)) if len(apart) else math.nan
-    return max(1.0, float(typical / scatter(known)))  # 1 if neither is known
+    return max(1.0, float(typical / promised))  # 1 if neither is known
 
 
 def measure_rise(method: Method, record: Simulated, count: int, draws: int) -> float:

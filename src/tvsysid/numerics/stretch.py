@@ -11,7 +11,6 @@ from tvsysid.numerics.differentiation import derivative_weights
 
 FAST = 500.0  # Hz from which on five samples are enough for a derivative
 PARABOLA = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10  # slope of the parabola through five samples
-CACHED = 2**16  # values that stay in the processor's cache
 HALF_WIDTH = 8  # samples to either side of the derivative at lower rates
 
 
@@ -51,9 +50,8 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
     threshold, direction
         c in rad/s, and s, 1 or -1.
     """
-    blocks = np.array_split(velocity, -(-velocity.size // CACHED))
-    rectified = (direction * np.maximum(direction * each - threshold, 0.0) for each in blocks)
-    return np.concatenate([decimated(each, ratio) for each in rectified])
+    rectify = np.maximum if direction > 0 else np.minimum
+    return decimated(rectify(velocity - direction * threshold, 0.0), ratio)
 
 
 def decimated(values: Array, ratio: int) -> Array:

@@ -292,6 +292,7 @@ def read(file: Path, sections: Iterable[str]) -> Results:
             isinstance(item, h5py.Dataset)
             and not item.is_scale
             and path.partition("/")[0] in ("machine", *sections)
+            and path.rpartition("/")[2] not in TIMINGS
         ):
             results[path] = item.asstr()[()] if item.dtype.kind == "O" else item[()]
 

@@ -144,14 +144,13 @@ def changes(model: AdaptiveModel) -> list[str]:
     lines, where = [], ""
     for each in model.switches:
         if each.quantity == "stiffness":
-            is_probable, share = each.probability > 0.5, f"{100 * each.probability:.0f} %"
-            kind = "probable switch" if is_probable else "possible switch"
-            text = f"at {each.time:.3f} s: {each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
+            kind, share = "possible switch", f", probability {100 * each.probability:.0f} %"
+            if each.probability > 0.5:
+                kind, where = "probable switch", " between switches"
             if each.probability >= CERTAIN:
-                lines.append(f"switch {text}")
-            else:
-                lines.append(f"{kind} {text}, probability {share}")
-            where = " between switches" if is_probable else where
+                kind, share = "switch", ""
+            size = f"{each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
+            lines.append(f"{kind} at {each.time:.3f} s: {size}{share}")
     is_smooth = model.diagnostics.details["smooth_stiffness"]
     lines.append(f"smooth change{where}: probability {100 * is_smooth:.0f} %")
     if model.reflex is not None:

@@ -23,7 +23,6 @@ FIRST_SIZE = 0.2  # standard deviation of the first one or two switches, in mean
 MAX_GAIN = 50.0  # log evidence that a further switch is expected to bring at most
 SLACK = 5.0  # log evidence below the best down to which a set without gain counts
 MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
-NEGLIGIBLE = 1e-12  # share of all precision
 REACH = 12.0  # log evidence below the best down to which sets are kept
 MAX_SETS = 8  # that are kept
 SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and at last
@@ -172,7 +171,7 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     sums = np.pad(sums, ((0, 0), (1, 0)))[:, edges]
     power, cross = sums[:, :, None] - sums[:, None]  # from an edge before to an edge
     before = np.tri(len(edges), k=-1, dtype=bool)
-    gains = np.where(before, cross**2 / np.maximum(power, NEGLIGIBLE * power.max()), -np.inf)
+    gains = np.divide(cross**2, power, out=np.full(power.shape, -np.inf), where=before)
     best, paths = gains[:, 0], [list[float]()] * len(edges)
     for count in range(1, MAX_JOINT + 1):
         paths = [[*paths[last], edges[last]] for last in (best + gains).argmax(axis=1)]

@@ -19,7 +19,7 @@ from typing import TypeVar
 from tvsysid.errors import InputError
 
 WAIT_S, WAIT_S_PER_BYTE = 15.0, 1e-5  # some hundred times what an intact file takes
-MEMORY_BYTES = 8 * 2**30
+MEMORY_BYTES = 4 * 2**30  # beside what the process has when it starts
 
 Result = TypeVar("Result")
 
@@ -30,6 +30,8 @@ def run_isolated(function: Callable[..., Result], file: Path, *arguments: object
     An InputError is raised if the process crashes or takes too long; the function's own errors are
     raised as well.
     """
+    if multiprocessing.current_process().daemon:  # which cannot start processes
+        return function(file, *arguments)
     seconds, executor = WAIT_S + WAIT_S_PER_BYTE * file.stat().st_size, _executor(os.getpid())
     try:
         return executor.submit(function, file, *arguments).result(seconds)
@@ -70,7 +72,10 @@ def _initialize() -> None:
     if sys.platform == "linux":  # other systems do not limit memory
         import resource  # noqa: PLC0415  # not on Windows
 
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        limit = min(used + MEMORY_BYTES, hard if hard > 0 else sys.maxsize)
+        resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -17,20 +17,8 @@ def test_lines_over_seconds_of_data(summary):
     assert all(axes.get_ylabel().endswith("(N·m/rad)") for axes in grid[:, 0])
     assert grid[0, 0].get_xscale() == grid[1, 0].get_yscale() == "log"
     assert grid[0, 0].get_yscale() == "linear"
-    assert [label.get_text() for label in grid[2, 0].get_xticklabels()] == [
-        "40",
-        "80",
-        "150",
-        "300",
-        "600",
-    ]
-    assert [text.get_text() for text in figure.legends[0].texts] == [
-        "eirf",
-        "sds",
-        "birf",
-        "esm",
-        "kbr",
-    ]
+    ticks = [label.get_text() for label in grid[2, 0].get_xticklabels()]
+    assert ticks == ["40", "80", "150", "300", "600"]
     shown = rows[
         (rows.perturbation == "prbs") & (rows.metric == "random_error") & (rows.method == "esm")
     ]

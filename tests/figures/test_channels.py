@@ -5,7 +5,6 @@ import pytest
 from tests.drawing import draw
 
 from tvsysid.figures import drawn, recorded_channels
-from tvsysid.figures.recorded import outline
 from tvsysid.recordings import Channel
 
 
@@ -39,15 +38,3 @@ def test_names_are_drawn_letter_by_letter():
         for texts in ("x_{$", "角度", r"\x1b[31mred\r\x07", r"caf\udce9\u202e")
     )
     ElementTree.fromstring(content)
-
-
-def test_an_outline_keeps_every_extreme():
-    values = np.random.default_rng(0).normal(size=100_000)
-    values[70_001] = 9.0
-    values[123] = np.nan
-    positions, kept = outline(values, blocks=500)
-    assert len(kept) <= 1000
-    assert (np.diff(positions) > 0).all()
-    np.testing.assert_array_equal(kept, values[positions])
-    assert {123, 70_001} <= set(positions)
-    np.testing.assert_array_equal(outline(values[:50])[1], values[:50])

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tvsysid.figures import style
 from tvsysid.figures.saving import Illustration
 from tvsysid.numerics import Array
 from tvsysid.quality import Curves, Diagnosis
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LOWEST = 2.0  # Hz below which stiffness shows by itself
 HIGHEST = 40.0  # Hz that are drawn

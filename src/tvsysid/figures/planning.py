@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tvsysid.figures import style
 from tvsysid.planning import Plan
 from tvsysid.planning.setups import seconds_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SAMPLES = 60  # of a curve
 
@@ -57,13 +54,10 @@ def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
 
 def _draw_rise_times(axes: Axes, plan: Plan) -> None:
     looks = style.lines(list(plan.methods))
-    times = np.array([each.rise_time for each in plan.answers])
-    bars = axes.barh(
-        [f"{each.method},\n{each.setup}" for each in plan.answers],
-        np.nan_to_num(times),
-        color=[looks[each.method]["color"] for each in plan.answers],
-    )
-    axes.bar_label(bars, [f"{time:.2g} s" for time in times], padding=3, fontsize=7)
+    for each in plan.answers:
+        color, label = looks[each.method]["color"], f"{each.method},\n{each.setup}"
+        bar = axes.barh(label, np.nan_to_num(each.rise_time), color=color)
+        axes.bar_label(bar, [f"{each.rise_time:.2g} s"], padding=3, fontsize=7)
     axes.invert_yaxis()
     axes.margins(x=0.2)
     if plan.resolution is not None:

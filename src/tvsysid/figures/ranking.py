@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 
 from tvsysid.figures import style
 from tvsysid.figures.words import wrapped
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 LEAST = 1.0  # %: where colours begin
 DARK = 0.45  # share of the colours on which print is white
@@ -41,8 +41,7 @@ def leaderboard(
     )
     scores, errors = grid[0]
     spread = 2 * table.score_error.fillna(0.0)
-    below = np.minimum(spread, 0.99 * table.score)  # no score is below 0
-    scores.errorbar(table.score, places, xerr=(below, spread), fmt="o", color=style.INK)
+    scores.errorbar(table.score, places, xerr=spread, fmt="o", color=style.INK)
     scores.set_xscale("log")
     scores.margins(x=0.05)
     style.log_ticks(scores.xaxis)

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tvsysid.errors import InputError, printable
 from tvsysid.figures import style
 from tvsysid.figures.words import wrapped
+from tvsysid.numerics import Array
 from tvsysid.preprocess import Preparation
 from tvsysid.recordings import Channel
 from tvsysid.signals import Ensemble, Recording
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MAX_SIGNALS = 12  # that are drawn of a file
 MAX_COLUMNS = 20  # that are drawn of a matrix
 # Hundreds of realizations, and thousands of samples, would make a vector file of megabytes.
 THIN: dict[str, Any] = {"linewidth": 0.4, "alpha": 0.6, "rasterized": True}
-LIMIT: dict[str, Any] = {"color": style.INK, "linewidth": 1.2, "linestyle": "--"}
+MEAN: dict[str, Any] = {"color": "black", "label": "target or mean"}
+LIMIT: dict[str, Any] = {"color": style.INK, "linestyle": "--", "label": "limits"}
 # By step of the preparation: title of its panel, reason to exclude, colour of the excluded
 STEPS = {
     "alignment": ("aligned to the target", "shifted too far", style.PALETTE[1]),
@@ -61,8 +62,7 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
         if channel.values is not None
         and not channel.dtype.startswith("complex")
         and len(channel.shape) in (1, 2)
-        and max(channel.shape) > 1
-        and min(channel.shape) > 0
+        and np.prod(channel.shape) > 1
     ]
     if not signals:
         raise InputError(f"{title}: no signals to draw")
@@ -70,29 +70,13 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
     title += f" ({len(shown)} of {len(signals)} signals)" * (len(shown) < len(signals))
     figure, grid = style.panels(len(shown), 1, 7.0, 1.0 + 1.7 * len(shown), title)
     for axes, (name, channel) in zip(grid[:, 0], shown, strict=True):
-        rate, values = channel.sampling_rate, np.asarray(channel.read(name), dtype=float)
-        is_vector = min(values.shape) == 1
-        for column in [values.ravel()] if is_vector else np.atleast_2d(values.T)[:MAX_COLUMNS]:
-            positions, extremes = outline(column)
-            axes.plot(positions / (rate or 1.0), extremes, linewidth=0.7)
+        rate, values = channel.sampling_rate, channel.read(name)
+        columns = np.atleast_2d(values.squeeze().T).T[:, :MAX_COLUMNS]
+        axes.plot(np.arange(len(columns)) / (rate or 1.0), columns, linewidth=0.7, rasterized=True)
         axes.set_title(wrapped(name, width=100), loc="left")
         axes.set_ylabel(printable(channel.unit or "unit not stated"))
         axes.set_xlabel("time (s)" if rate else "sample")
     return figure
-
-
-def outline(values: NDArray[Any], blocks: int = 2000) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return positions and values of the lowest and highest sample of each block, for a drawing.
-
-    Signals of shape (time,) that are shorter than the number of blocks come out whole.
-    """
-    length = -(-len(values) // blocks)
-    # NaN counts as the lowest, so that a gap is seen.
-    known = np.pad(np.nan_to_num(values, nan=-np.inf), (0, -len(values) % length), mode="edge")
-    pieces = known.reshape(-1, length)
-    extremes = np.concatenate([pieces.argmin(axis=1), pieces.argmax(axis=1)])
-    positions = np.unique(extremes + np.tile(length * np.arange(len(pieces)), 2))
-    return positions, values[positions]
 
 
 @style.styled
@@ -145,39 +129,38 @@ def recorded_signals(
 @style.styled
 def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     """Draw the torque before and after preparation, and the torque that each step compared."""
-    steps, excluded_by = preparation.steps, preparation.table.excluded_by.to_numpy(dtype=str)
-    recorded, prepared = preparation.recorded, preparation.ensemble
-    target = steps["alignment"].mean if "alignment" in steps else None
-    kept = np.full(len(prepared), "")
-    # Heading, torque, step that excluded each realization, mean or target, half width of limits
-    shown: list[tuple[str, Any, Any, Any, Any]] = [
-        (
-            f"recorded: {len(recorded)}",
-            recorded.torque[:, recorded.core],
-            excluded_by,
-            target,
-            None,
-        ),
-        (f"prepared: {len(prepared)}", prepared.torque[:, prepared.core], kept, None, None),
-    ]
-    for number, (name, step) in enumerate(steps.items(), start=1):
-        heading = f"{number}. {STEPS[name][0]}: {np.count_nonzero(~step.kept)} excluded"
-        by = np.where(step.kept, "", name)
-        shown.append((heading, step.torque, by, step.mean, step.half_width))
-    looks = {"": ("kept", style.KEPT)}
-    looks |= {name: (f"excluded: {reason}", color) for name, (_, reason, color) in STEPS.items()}
-    rows = -(-len(shown) // 3)
+    recorded, prepared, steps = preparation.recorded, preparation.ensemble, preparation.steps
+    rows = -(-(2 + len(steps)) // 3)
     figure, grid = style.panels(rows, 3, 10.0, 0.4 + 2.9 * rows, title)
-    for axes, (heading, torque, by, middle, half_width) in zip(grid.flat, shown, strict=False):
-        for name, (label, color) in looks.items():
-            mine = torque[by == name]
-            axes.plot(recorded.time, mine.T, color=color, label=[label] * len(mine), **THIN)
-        if middle is not None:
-            axes.plot(recorded.time, middle, color="black", label="target or mean")
-        if half_width is not None:
-            limits = np.stack([middle - half_width, middle + half_width], axis=1)
-            axes.plot(recorded.time, limits, label=["limits"] * 2, **LIMIT)
-        axes.set(title=heading, xlabel=style.REALIZATION_TIME, ylabel="torque (N·m)")
-    for axes in grid.flat[len(shown) :]:
+    before, after, *others = grid.flat
+    excluded_by = preparation.table.excluded_by.to_numpy(dtype=str)
+    _draw_torques(before, recorded.time, recorded.torque[:, recorded.core], excluded_by)
+    before.set_title(f"recorded: {len(recorded)} realizations")
+    if "alignment" in steps:
+        before.plot(recorded.time, steps["alignment"].mean, **MEAN)
+    kept = np.full(len(prepared), "")
+    _draw_torques(after, prepared.time, prepared.torque[:, prepared.core], kept)
+    after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted")
+    for number, (axes, (name, step)) in enumerate(zip(others, steps.items(), strict=False)):
+        _draw_torques(axes, recorded.time, step.torque, np.where(step.kept, "", name))
+        axes.plot(recorded.time, step.mean, **MEAN)
+        if step.half_width is not None:
+            for limit in (step.mean - step.half_width, step.mean + step.half_width):
+                axes.plot(recorded.time, limit, **LIMIT)
+        count = np.count_nonzero(~step.kept)
+        axes.set_title(f"{number + 1}. {STEPS[name][0]}: {count} excluded")
+    for axes in others[len(steps) :]:
         axes.remove()
     return style.finish(figure)
+
+
+def _draw_torques(axes: Axes, time: Array, torque: Array, excluded_by: NDArray[np.str_]) -> None:
+    """Draw the torque of each realization in the colour of the step that excluded it."""
+    looks = {name: (f"excluded: {reason}", color) for name, (_, reason, color) in STEPS.items()}
+    for name, (label, color) in ({"": ("kept", style.KEPT)} | looks).items():
+        mine = torque[excluded_by == name]
+        width = 0.9 if name else 0.4
+        axes.plot(
+            *(time, mine.T), color=color, label=[label] * len(mine), **THIN | {"linewidth": width}
+        )
+    axes.set(xlabel=style.REALIZATION_TIME, ylabel="torque (N·m)")

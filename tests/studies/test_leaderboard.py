@@ -187,8 +187,7 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
     monkeypatch.setitem(TINY, "methods", ("birf", "sds"))
     pages = []
     for folder in ("one", "two", "one"):  # the last from what is kept
-        code, _, err = tvsysid("leaderboard", "--seed", 7, "--workers", 1, "--out", folder)
-        assert (code, "found from its hash by trying" in err) == (0, True)
+        assert tvsysid("leaderboard", "--seed", 7, "--workers", 1, "--out", folder)[0] == 0
         pages.append((tmp_path / folder / "leaderboard.html").read_bytes())
         (tmp_path / folder / "leaderboard.html").unlink()
     assert pages[0] == pages[1] == pages[2]

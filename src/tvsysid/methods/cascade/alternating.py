@@ -69,13 +69,13 @@ class AlternatingCascade(Method):
         """Return a reason to skip the method if too few realizations have a recorded past."""
         past = history(ensemble, ensemble.angle, whole_samples(self.memory, ensemble))
         count = int((~np.isnan(past).any(axis=1)).sum())
-        needed = min(MIN_REALIZATIONS, len(ensemble))
+        needed = min(MIN_REALIZATIONS, max(len(ensemble), 1 + ensemble.mean_subtracted))
         if count >= needed and ensemble.context >= whole_samples(self.max_lag, ensemble):
             return None
         return (
             f"{count} of {len(ensemble)} realizations have {self.memory:g} s recorded before them, "
-            f"as long as the reflex's response, and {self.max_lag:g} s after; cut with more "
-            "context (--context), or shorten memory"
+            f"as long as the reflex's response, and {self.max_lag:g} s after, {needed} are needed; "
+            "cut with more context (--context), or shorten memory"
         )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:

@@ -114,7 +114,7 @@ def test_a_method_sees_nothing_of_the_torque_that_is_held_out():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*leave open whether there is a stretch reflex")
+@pytest.mark.filterwarnings("ignore:.*do not determine whether there is a stretch reflex")
 def test_a_method_that_cannot_identify_without_a_fold_has_no_held_out_vaf():
     ensemble = tv.preprocess.subtract_mean(ensemble_of(20.0).select([0, 1, 2, 3]))
     found = tv.compare(ensemble, ["adaptive", "kbr"])

@@ -128,5 +128,3 @@ def test_derivatives_of_a_sine_where_they_reach(context):
     expected = np.stack([np.sin(inside), np.cos(inside), -np.sin(inside)])[..., known]
     scaled = found[..., known] / omega ** np.arange(3)[:, None, None]
     np.testing.assert_allclose(scaled, expected, atol=2e-3)
-    ensemble = tv.Ensemble(angle, 80 * angle, 100.0)
-    np.testing.assert_array_equal(ensemble.derivatives(0)[0], angle)

@@ -68,7 +68,7 @@ class StandardError:
         width[known] = self.multiple(level, simultaneous) * self.values[known]
         return values - width, values + width
 
-    def multiple(self, level: float, simultaneous: bool = False) -> Array:
+    def multiple(self, level: float, simultaneous: bool) -> Array:
         """Return the half width of a band in standard errors, where the standard error is known."""
         freedom = self.freedom[np.isfinite(self.values)]
         if simultaneous:

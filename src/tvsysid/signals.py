@@ -155,8 +155,8 @@ class Recording(Signals):
     channels
         Further signals by name, each of shape (time,).
     origin
-        Time of the original trial, in s, that is now time 0. It is above 0 if the beginning of the
-        trial was removed.
+        Time in s of the original trial at which time 0 now lies. It is above 0 if the beginning of
+        the trial was removed.
     delay_removed
         Delay of the torque in s that :func:`tvsysid.preprocess.align_channels` corrected.
     recorded_angle
@@ -335,21 +335,19 @@ class Ensemble(Signals):
         gaps = np.abs(np.diff(onsets) - self.duration) > 0.5 / self.sampling_rate
         return tuple(np.split(order, np.flatnonzero(gaps | (np.diff(trials) != 0)) + 1))
 
-    def derivatives(self, order: int = 2) -> Array:
-        """Return the angle and its band-limited derivatives up to an order of 0, 1 or 2.
+    def derivatives(self) -> Array:
+        """Return the angle and its band-limited first and second derivative.
 
-        They are in rad, rad/s and rad/s², of shape (order + 1, realization, time), without
-        context. They are NaN where the filters of :mod:`tvsysid.numerics.differentiation` reach
-        beyond the context.
+        They are in rad, rad/s and rad/s², of shape (3, realization, time), without context. They
+        are NaN where the filters of :mod:`tvsysid.numerics.differentiation` reach beyond the
+        context.
         """
-        if not order:
-            return self.angle[None, :, self.core]
-        derivatives = np.full((order + 1, len(self), self.samples), np.nan)
+        derivatives = np.full((3, len(self), self.samples), np.nan)
         missing = max(0, HALF_WIDTH - self.context)
         if 2 * missing < self.samples:
             first = self.context + missing - HALF_WIDTH
             angle = self.angle[:, first : self.angle.shape[1] - first]
-            inner = differentiate(angle, self.sampling_rate)[: order + 1]
+            inner = differentiate(angle, self.sampling_rate)
             derivatives[:, :, missing : self.samples - missing] = inner
         return derivatives
 

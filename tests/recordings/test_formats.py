@@ -46,7 +46,7 @@ def test_contradictions_to_what_a_file_states_warn(file):
     with pytest.warns(tv.DataQualityWarning, match="states 200 Hz, you gave 500 Hz"):
         assert read(file, 500.0).sampling_rate == 500.0
     if file.suffix not in (".mat", ".npz"):
-        with pytest.warns(tv.DataQualityWarning, match="'rad' for pos, and is read in deg"):
+        with pytest.warns(tv.DataQualityWarning, match="'rad' for pos, but it is read in deg"):
             read(file, angle_unit="deg")
 
 

@@ -146,7 +146,7 @@ class Method(ABC):
 
     @abstractmethod
     def fit(self, ensemble: Ensemble) -> Model:
-        """Return the model of an ensemble. Its arrays are read-only, their mean is subtracted."""
+        """Return the model of an ensemble: read-only arrays, their mean over realizations is 0."""
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return the reason why the method cannot identify an ensemble, or None if it can."""

@@ -187,7 +187,6 @@ class Regression(NamedTuple):
     noise_variance: float
     effective: float
     log_evidence: float
-    iterations: int
     converged: bool
 
 
@@ -200,7 +199,7 @@ def least_squares(moments: Moments) -> Regression:
     mean = covariance @ cross
     residual = square - 2 * float(mean @ cross) + float(mean @ gram @ mean)
     noise = max(residual, SMALLEST_RESIDUAL * square) / max(number - rank, 1)
-    return Regression(mean, covariance * noise, noise, float(rank), math.nan, 1, True)
+    return Regression(mean, covariance * noise, noise, float(rank), math.nan, True)
 
 
 def ridge(moments: Moments) -> Regression:
@@ -222,7 +221,7 @@ def ridge(moments: Moments) -> Regression:
     alpha = len(values) / float(start @ start)
     beta = number / max(square - float(start @ projections), floor)
     evidence = -math.inf
-    for iteration in range(1, 501):
+    for _ in range(500):
         precision = alpha + beta * values
         mean = beta * projections / precision
         norm = float(mean @ mean)
@@ -241,7 +240,7 @@ def ridge(moments: Moments) -> Regression:
             break
         alpha, beta = gamma / norm, max(number - gamma, 1.0) / residual
     covariance = (vectors / precision) @ vectors.T
-    return Regression(vectors @ mean, covariance, 1 / beta, gamma, evidence, iteration, converged)
+    return Regression(vectors @ mean, covariance, 1 / beta, gamma, evidence, converged)
 
 
 def relevance(moments: Moments) -> Regression:
@@ -262,7 +261,7 @@ def relevance(moments: Moments) -> Regression:
     precision = 1 / np.maximum(start.mean**2, 1e-12 * square / powers)
     noise = max(start.residual, SMALLEST_RESIDUAL * square) / number
     active, evidence = np.arange(len(powers)), -math.inf
-    for iteration in range(1, 1001):
+    for _ in range(1000):
         found = solve(moments.take(active), precision, noise)
         before, evidence = evidence, found.log_evidence
         determined = np.clip(found.determined, 1e-12, 1.0)
@@ -277,7 +276,7 @@ def relevance(moments: Moments) -> Regression:
         active, precision = active[kept], precision[kept]
     mean, covariance = np.zeros(len(powers)), np.zeros_like(moments.gram)
     mean[active], covariance[np.ix_(active, active)] = found.mean, found.covariance
-    return Regression(mean, covariance, noise, effective, evidence, iteration, converged)
+    return Regression(mean, covariance, noise, effective, evidence, converged)
 
 
 PRIORS: dict[str, Callable[[Moments], Regression]] = {

@@ -64,8 +64,8 @@ class Recommendation:
     why
         Reason for the first, in a sentence.
     measured
-        Value and unit of properties of the data by name. NaN where a property is not shown or the
-        data do not tell it.
+        Value and unit of properties of the data by name. NaN if a fault is not found or the data do
+        not determine a property.
     diagnosis
         Diagnosis of the ensemble. None for a single realization.
     unnamed_references

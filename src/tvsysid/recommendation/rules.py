@@ -48,8 +48,8 @@ RULES = (
     Rule(
         ("wrong period > 0",),
         (),
-        "the movement does not repeat every {duration:g} s, so that changes average out by any "
-        "method. Cut with the true period, if there is one",
+        "the movement does not repeat every {duration:g} s, so every method averages changes of "
+        "stiffness out. Cut with the true period, if there is one",
     ),
     Rule(
         ("information < 2",),
@@ -83,10 +83,10 @@ RULES = (
         (),
         "stiffness is negative ({mean stiffness:.0f} N·m/rad). If the actuator imposes the angle, "
         "the torque's sign is reversed: read it with --torque-sign -1 (in Python torque_sign=-1), "
-        "or leave that out. If the actuator is compliant, noise moves the angle more than the "
-        "perturbation does: record the actuator's command",
+        "or, if you already do, without. If the actuator is compliant, noise moves the angle more "
+        "than the perturbation does: record the actuator's command",
     ),
-    Rule(  # before the rules that tell a loop by its frequencies: a reflex answers some of them
+    Rule(  # before the rules on noise bias: stiffness with a reflex depends on frequency, too
         ("reflex > 0",),
         ("adaptive", "cascade"),
         "the data show a stretch reflex, and adaptive separates it from the stiffness (cascade "
@@ -147,7 +147,7 @@ def rule_of(measured: Measured) -> Rule:
 
 
 def holds(condition: str, measured: Measured) -> bool:
-    """Return whether a condition holds. None does for a property that is not known."""
+    """Return whether a condition holds. It does not if the property is unknown."""
     name, side, limit = condition.rsplit(" ", 2)
     value, _ = measured.get(name, (math.nan, ""))
     return value > float(limit) if side == ">" else value < float(limit)

@@ -116,7 +116,7 @@ def trust_in(
 
 
 def _effects(faults: Mapping[str, Finding]) -> set[str]:
-    """Return the faults that are effects of another one, where a stiffness is impossible.
+    """Return the faults that are effects of another fault, if the stiffness is impossible.
 
     Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
     another signal in place of the torque, make it much softer.

@@ -62,7 +62,7 @@ def read_recording(path: str | Path, reading: Reading | None = None, **settings:
         Names of the variables or columns, as ``tvsysid inspect`` lists them: ``run.angle`` in a
         MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
     sampling_rate
-        In Hz. What the file says of itself is compared with it, and never used in its place.
+        In Hz. A rate that the file states is compared with this one, and never used in its place.
     **settings
         ``channels={"emg": "EMG_SIGNAL"}``, ``columns="trials"``, ``torque_sign=-1``,
         ``angle_unit="deg"``, ``torque_unit="Nmm"`` and ``start``.
@@ -124,8 +124,8 @@ def read_usable_trials(
                 recording = _recording(reading, {key: each[trial] for key, each in signals.items()})
                 if recording.duration < shortest:
                     raise InputError(
-                        f"it lasts {recording.duration:g} s, which is less than the {shortest:g} s "
-                        "of a realization and the ends that are cut off"
+                        f"it lasts {recording.duration:g} s, less than the {shortest:g} s that a "
+                        "realization and the trimmed ends need"
                     )
             except InputError as error:
                 refused[name] = str(error)
@@ -139,9 +139,9 @@ def read_usable_trials(
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
     """Read trials that are in files of their own, in their order, one after the other.
 
-    Several trials in one file are the columns of its matrices (``columns="trials"``), or have names
-    of their own: then read each by :func:`tvsysid.read_recording`, and put them together by
-    :func:`tvsysid.recordings.join_trials`.
+    If one file holds several trials as columns of its matrices, read it by
+    :func:`tvsysid.read_recording` with ``columns="trials"``. If its trials are channels with
+    different names, read each and join them by :func:`tvsysid.recordings.join_trials`.
 
     Parameters
     ----------
@@ -273,8 +273,8 @@ def _doubts(
         plain = re.sub(r"[\s·⋅.*\-_()\[\]]", "", stated.lower())
         if stated and not re.fullmatch(UNITS[unit][1], plain):
             yield (
-                f"the file states the unit {stated!r} for {names[own]}, and is read in {unit}; "
-                "convert it, or name its unit"
+                f"the file states the unit {stated!r} for {names[own]}, but it is read in "
+                f"{unit}; give its unit (--{own}-unit), or convert it"
             )
     size = float(np.std(recording.angle))
     if size > MAX_ANGLE_RMS_RAD:

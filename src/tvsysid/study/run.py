@@ -50,8 +50,8 @@ def run(
         Where the scores of each task (``tasks/``) and the results (``results.nc``) are kept. None
         keeps the results in memory.
     prepared
-        The recordings of an experiment as :func:`tvsysid.study.prepared_recordings` returns them;
-        none prepares them first.
+        The recordings of an experiment as :func:`tvsysid.study.prepared_recordings` returns them.
+        If empty, they are prepared here.
     workers
         Processes; None takes as many as there are cores, 1 works in this one. Each uses one thread.
         The results do not depend on it.
@@ -75,17 +75,17 @@ def run(
         differs from trial to trial. Of methods that estimate something over a measured variable
         also ``scheduled_estimate``, ``scheduled_standard_error``, ``scheduling_variable`` over
         (scheduled, scheduling). Of an experiment over (recording, analysis), bootstrap, quantity
-        and time: the same without bands, with VAFs of the torque recorded in the very realizations
-        drawn; and over recording: numbers of realizations and trials, ``remarks``, and over time
-        ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
+        and time: the same without bands, with VAFs of the torque recorded in the realizations that
+        were drawn; and over recording: numbers of realizations and trials, ``remarks``, and over
+        time ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
 
     Raises
     ------
     InputError
         If another process runs a study in the folder, a system cannot be simulated, an object
-        cannot be sent to a worker, a worker dies, or what was prepared are not the experiment's
-        recordings. A method that fails raises nothing: its results are NaN, and ``failure`` says
-        why. Nor does a recording that cannot be used: ``remarks`` say so.
+        cannot be sent to a worker, a worker dies, or ``prepared`` does not hold the experiment's
+        recordings. A method that fails raises nothing: its results are NaN, and ``failure`` gives
+        the reason. A recording that cannot be used raises nothing: ``remarks`` gives the reason.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def run(
 def _work(
     study: Study | Experiment, prepared: Sequence[Prepared]
 ) -> tuple[list[Task], list[Scores], Callable[[list[Scores]], xr.Dataset]]:
-    """Return tasks, scores of what cannot be done, and the function that makes the results."""
+    """Return tasks, scores of recordings that cannot be used, and the function for the results."""
     if isinstance(study, Study):
         return trials.tasks_of(study), [], partial(trials.results_of, study)
     prepared = prepared or prepared_recordings(study)
@@ -143,18 +143,18 @@ def _exclusive(folder: Path) -> Iterator[None]:
 
 @attrs.frozen
 class Plan:
-    """What a study will take.
+    """Time and disk space that a study needs.
 
     Parameters
     ----------
     identifications
-        Their number: draws times methods.
+        Number of identifications: draws times methods.
     work_s
-        Seconds that they take one process.
+        Time in s that one process needs for all of them.
     size_bytes
         Size of the results.
     failures
-        Why methods gave no result in the draws that were timed.
+        Why methods gave no result in the draws that were timed, by label.
     """
 
     identifications: int
@@ -169,7 +169,7 @@ def plan(study: Study | Experiment, prepared: Sequence[Prepared] = ()) -> Plan:
     alike: dict[tuple[str, ...], list[Task]] = {}
     for task in tasks:
         alike.setdefault((task.case, *task.methods), []).append(task)
-    run_task(attrs.evolve(tasks[-1], draws=tasks[-1].draws[:1]))  # loads what is lazy
+    run_task(attrs.evolve(tasks[-1], draws=tasks[-1].draws[:1]))  # load lazy modules before timing
     identifications, work, size = 0, 0.0, 0
     failures: dict[str, str] = {}
     for first, *others in alike.values():

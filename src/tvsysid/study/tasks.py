@@ -52,7 +52,7 @@ class Task:
     methods
         Methods by their labels in the results.
     depends_on
-        All that the draws depend on, in an object whose repr shows it.
+        Object whose repr states everything that determines the draws.
     versions
         Software of the process that made the task.
     """
@@ -138,14 +138,14 @@ def _is_loose(module: ModuleType) -> bool:
 
 
 def identity_of(item: object) -> str:
-    """Return a text that differs between objects with other settings or, of a user, other code."""
+    """Return a text that identifies an object: its settings and, if it is a user's, its code."""
     kind: Any = item if inspect.isroutine(item) else type(item)
     module = sys.modules.get(kind.__module__)
     if module is None or module.__name__.startswith("tvsysid."):
         return label_of(item)
     with np.printoptions(threshold=sys.maxsize):
         text = re.sub(" at 0x[0-9a-f]+", "", repr(item.__getstate__()))
-    with suppress(OSError, TypeError):  # a notebook has the source of a class alone
+    with suppress(OSError, TypeError):  # notebooks have no source of a module
         text += inspect.getsource(module if hasattr(module, "__file__") else kind)
     return text
 

@@ -59,17 +59,19 @@ class AdaptiveRegression(base.Method):
     .. math:: \sum_s \left(W \circ \sum_r \theta_r \theta_r^T\right)_{ts} z(s) =
               \sum_r \theta_r(t)\, \bigl(W (y_r - b\,\dot\theta_r - I\,\ddot\theta_r)\bigr)(t)
 
-    over realizations r. The inverse of the matrix on the left is the covariance of z. W comes from
-    the residual of a first fit: a prediction from the samples before, of the most probable order,
-    and the strength of the prediction error over time. At least 1 % of the noise is taken as white.
-    Where the residual's products with velocity vary more than 1.5 times as much as W predicts, the
-    residual is misfit, not noise, and whitening would amplify it. White noise of 30 times the
-    power is then added before W is computed, the covariance is a sandwich, and as large as what the
-    most probable smooth part leaves.
+    over realizations r. The inverse of the matrix on the left is the covariance of z. W is
+    estimated from the residual of a first fit: an autoregressive model, whose order the Bayesian
+    information criterion selects, and the variance of its prediction error over time. At least 1 %
+    of the noise variance is assumed white. Where the residual's products with velocity vary more
+    than 1.5 times as much as W predicts, the residual is misfit, not noise, and whitening would
+    amplify it. White noise of 30 times the noise power is then added before W is computed. The
+    covariance of z is then a sandwich estimator, scaled to explain the residual of the most
+    probable smooth part.
 
-    Viscosity and inertia come from the same regression, weighted below 60 % of the Nyquist
-    frequency. Decimation folds acceleration back, which would make an inertia of the whole band 3 %
-    too large. The error also includes the misfit of second order that all realizations share.
+    Viscosity and inertia come from the same regression, restricted to frequencies below 60 % of the
+    Nyquist frequency. Above it, the aliased acceleration of a decimated angle would make the
+    inertia 3 % too large. The error of z also includes the misfit of the second-order model that
+    all realizations share.
 
     All further steps use the free estimate and small matrices. With A the products of switches with
     each other, b those with the free estimate, both after the smooth part is regressed out, and
@@ -77,14 +79,16 @@ class AdaptiveRegression(base.Method):
 
     .. math:: -\tfrac12 \log|1 + \tau^2 A| + \tfrac12\, b^T (A + \tau^{-2})^{-1} b
 
-    A search finds sets of switches beside every plausible smooth part. Each switch is then placed
-    to 1/16 sample, and its other possible positions are averaged. Where realizations follow each
-    other in the record, the end of one is taken as the beginning of the next. Steps are modelled as
-    decimation smears them. Where there are steps, two more models are tried, and averaged if the
-    data do not decide: no low-pass, and realizations that switch at different times.
+    A search finds sets of switches beside every plausible smooth part. Each switch is then located
+    to 1/16 sample, and its other possible positions are averaged. If realizations follow each other
+    in the record, stiffness is periodic: the end of a realization continues at its beginning. Steps
+    are smeared by the low-pass filter of a decimation. If there are steps, two other models are
+    tried: no low-pass filter, and realizations that switch at different times. The better of them
+    is averaged with the first, unless the data exclude it.
 
-    Neither viscosity nor reflex gain is negative at any time, nor are their bands. A warning says
-    so where this costs 1 % of the torque. Stiffness is estimated beside the free viscosity.
+    Viscosity, reflex gain and their bands are limited to 0 or more. A warning says so if negative
+    values would explain 1 % more of the torque. Stiffness is estimated beside the viscosity without
+    this limit.
 
     The bands are quantiles of the mixture of all plausible models, with the degrees of freedom of
     Student's t that the estimate of the noise has. Near a switch whose time is undecided, the
@@ -93,14 +97,15 @@ class AdaptiveRegression(base.Method):
 
     Where held-out realizations show a stretch reflex, its columns are regressors too, as in
     :class:`tvsysid.JointCascade`. Stiffness is then estimated beside the viscosity of that method,
-    and the model has ``reflex_gain`` and two pathways. All but its stiffness are of that method.
+    and the model has ``reflex_gain`` and two pathways. All estimates except stiffness are those of
+    :class:`tvsysid.JointCascade`.
 
     It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
     than four realizations.
 
     The diagnostics' ``details`` hold the probabilities that stiffness and viscosity are constant or
-    have a smooth part, and whether the realization was taken as ``periodic`` and a reflex is shown,
-    1 or 0.
+    have a smooth part. ``periodic`` is 1 if stiffness was periodic, ``reflex_shown`` is 1 if the
+    data show a reflex, and otherwise 0.
 
     References
     ----------
@@ -252,16 +257,15 @@ def warnings_of(free: FreeEstimates, found: Mapping[str, Posterior]) -> Iterator
     undetermined = []
     if len(free.ensemble) < MIN_TESTED_REALIZATIONS:
         undetermined.append(
-            f"whether there is a stretch reflex, which takes {MIN_TESTED_REALIZATIONS} "
-            f"realizations (got {len(free.ensemble)}): the stiffness holds what it adds"
+            f"whether there is a stretch reflex (the test needs {MIN_TESTED_REALIZATIONS} "
+            f"realizations, got {len(free.ensemble)}; the stiffness includes any reflex)"
         )
     if not free.identifiable:
         undetermined.append(
-            "viscosity and inertia, which the angle does not tell from stiffness in these "
-            "realizations"
+            "viscosity and inertia (angle, velocity and acceleration are collinear)"
         )
     if undetermined:
-        yield f"these data leave open {'; and '.join(undetermined)}"
+        yield f"the data do not determine {', nor '.join(undetermined)}"
     if free.signals.reflex is not None:
         yield from free.signals.reflex.diagnostics.warnings
         return

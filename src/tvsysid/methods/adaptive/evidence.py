@@ -36,10 +36,11 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, solve
 
 MIN_DISTANCE = 1.0  # samples between two switches
-MAX_HARMONIC, MAX_WAVES = 12, 8  # that is tried, and cosines and sines of a sum
+MAX_HARMONIC = 12
+MAX_WAVES = 8  # number of cosines and sines in a sum
 WAVES_PROBABILITY = 0.1  # prior weight of all sums of harmonics; that of no smooth part is 0.5
 FIRST_ODDS, SECOND_ODDS = 1 / 20, 2.0  # of a harmonic's cosine or sine, and then of the other one
-STEP = 0.2  # standard deviation of the steps beside harmonics, in mean sizes
+STEP = 0.2  # prior standard deviation of switches beside harmonics, in mean sizes
 
 
 class Steps(NamedTuple):
@@ -97,7 +98,7 @@ class FreeEstimate:
         return FreeEstimate(axis, self.values, self.whitener, self.size)
 
     def with_misfit(self) -> FreeEstimate:
-        """Return the estimate with errors so large that they explain what a smooth part leaves.
+        """Return the estimate with errors scaled up to explain the residual of a smooth part.
 
         The smooth part is the most probable one without switches.
         """
@@ -231,7 +232,7 @@ def log_evidence(
     free = 0.5 * (square - log_determinant + count * np.log(prior)) - count * math.log(axis.times)
     if not axis.periodic:
         return np.asarray(free)
-    # One balanced switch is none.
+    # The size of a single balanced switch is 0, so it has no evidence.
     condition = total**2 / variance + np.log(variance * prior / count) if count > 1 else math.inf
     return np.concatenate([free, free - 0.5 * condition])
 
@@ -239,8 +240,8 @@ def log_evidence(
 def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPrior]:
     """Yield priors of sums of few cosines and sines.
 
-    The most evident one is added to a constant and steps at positions, again and again. Each has a
-    standard deviation of its own, one of AMPLITUDES.
+    Start from a constant and steps at ``positions``. Add the cosine or sine with the most evidence,
+    one at a time, with its own prior standard deviation, one of AMPLITUDES. Yield each sum.
     """
     features, values = np.hsplit(estimate.white, [-1])
     count, known = 2 * min(MAX_HARMONIC, estimate.axis.harmonics), len(positions) + 1

@@ -100,7 +100,7 @@ class AdaptiveModel(Model):
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         if self.reflex is None:
             return super()._pathways(ensemble)
-        found, (angle, velocity) = self.reflex.pathways(ensemble), ensemble.derivatives(1)
+        found, (angle, velocity, _) = self.reflex.pathways(ensemble), ensemble.derivatives()
         more = self.stiffness - self.reflex.stiffness, self.viscosity - self.reflex.viscosity
         found["intrinsic"] = found["intrinsic"] + more[0] * angle + more[1] * velocity
         return found

@@ -35,12 +35,12 @@ from tvsysid.methods.adaptive.search import (
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
-MAX_MODELS = 32  # that count
-MIN_WEIGHT = 0.002  # of a model, and probability of a position, that count
-MAX_POSITIONS = 24  # of a switch, in a model that has all the weight
-SAME = 0.26  # samples within which two sets of switches are the same
+MAX_MODELS = 32  # number of models in the mixture
+MIN_WEIGHT = 0.002  # smallest weight of a model, and probability of a position, in the mixture
+MAX_COMPONENTS = 24  # positions of a switch in the mixture, for a model that has all the weight
+MAX_OFFSET = 0.26  # samples between switches up to which two sets of switches are the same
 SMEAR_SPACING = 1 / 4  # samples between positions where smears are compared
-OPEN = 3.0  # log evidence below the usual low-pass's down to which another smear counts
+MAX_LOSS = 3.0  # of log evidence against the usual low-pass, up to which another smear is averaged
 BY_EVIDENCE = attrgetter("evidence")
 
 
@@ -113,7 +113,7 @@ def components(candidate: Candidate, weight: float, best: OverTime) -> Array:
     if not len(own):
         return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
     apart = np.abs(axis.offset(np.arange(axis.times)[:, None], own))
-    nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_POSITIONS * weight))
+    nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_COMPONENTS * weight))
     out = np.empty((3, axis.times, count))
     for index, place in enumerate(candidate.places):
         rows, positions = nearest == index, np.tile(own, (count, 1))
@@ -164,14 +164,10 @@ class Posterior:
         mixture = Mixture(shares, size * means, size**2 * variances)
         return cls(candidates, weights, over_time, mixture)
 
-    @property
-    def probabilities(self) -> Array:
-        """Probability of every candidate."""
-        return np.asarray(softmax([each.evidence for each in self.candidates]))
-
     def probability(self, wanted: Callable[[Candidate], bool]) -> float:
         """Return the probability of all candidates of a kind together."""
-        return float(self.probabilities @ [wanted(each) for each in self.candidates])
+        probabilities = softmax([each.evidence for each in self.candidates])
+        return float(probabilities @ [wanted(each) for each in self.candidates])
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -203,12 +199,12 @@ def average(
 ) -> Posterior:
     """Average all plausible models of a free estimate, weighted by their evidence.
 
-    If there are ``known`` hypotheses, only these are averaged. The prior probability is 1/2 that
-    the estimate switches where the best candidate of an ``other`` one does.
+    If there are ``known`` hypotheses, only these are averaged. The switches of the best candidate
+    of an ``other`` posterior have a prior probability of 1/2.
 
-    A low-pass before sampling smears a step, and so do realizations that switch at different times.
-    Each is tried where there are steps. The usual low-pass has a prior probability of 1/2. What the
-    data leave open is averaged.
+    A low-pass filter before sampling smears a step, and so do realizations that switch at different
+    times. If there are steps, each smear is tried. The usual low-pass filter has a prior
+    probability of 1/2. The best other smear is averaged with it unless the data exclude it.
     """
     if known or other:
         tied = None if other is None else other.candidates[0]
@@ -224,7 +220,7 @@ def average(
     fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
     *totals, total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
     log_prior = -math.log(len(smears))
-    if max(totals) + log_prior < total - OPEN:
+    if max(totals) + log_prior < total - MAX_LOSS:
         return found
     priors = [each.prior for each in found.hypotheses]
     beside = plausible(smeared[totals.index(max(totals))], priors)
@@ -240,9 +236,10 @@ def plausible(
 ) -> list[Candidate]:
     """Return all plausible candidates, with steps smeared as the estimate's axis says.
 
-    Sets of switches are searched for, unless there are ``known`` hypotheses. By default, ``priors``
-    of the smooth part are all. Beside the switches of another estimate, ``tied``, others are
-    searched for only where some seem to be there at first.
+    Search for sets of switches, unless there are ``known`` hypotheses. ``priors`` are those of the
+    smooth part, by default all. ``tied`` is a candidate of another estimate, whose switches are
+    tried, too. If a constant has clearly more evidence than these and the first candidates, no
+    switches are searched for.
     """
     priors = priors or [each.prior for each in known]
     fits = {
@@ -250,7 +247,7 @@ def plausible(
         for each in priors or smooth_priors(estimate.axis)
     }
     smooths, others = list(fits.values()), list[Candidate]()
-    if tied and len(tied.positions):  # no position is to be found, so that none is penalised
+    if tied and len(tied.positions):  # positions are given: remove their penalty
         volume = len(tied.positions) * math.log(estimate.axis.times) + math.log(0.5)
         others = [tied._replace(log_volume=volume)]
     if known:  # of hypotheses with the same switches, the most probable counts
@@ -284,7 +281,7 @@ def distinct(sets: Iterable[Candidate]) -> list[Candidate]:
     for switches in sets:
         own, offset = switches.positions, switches.smooth.estimate.axis.offset
         alike = (each.positions for each in out if len(each.positions) == len(own))
-        if not any((np.abs(offset(each, own)) < SAME).all() for each in alike):
+        if not any((np.abs(offset(each, own)) < MAX_OFFSET).all() for each in alike):
             out.append(switches)
     return out
 

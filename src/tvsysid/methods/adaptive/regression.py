@@ -23,27 +23,28 @@ from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Ensemble
 
-LOW_BAND = decimation_weights(1 / 0.6, 21)  # what aliasing and decimation do not change
-STILL = 1e-9  # share of the mean power below which a signal is still
+LOW_BAND = decimation_weights(1 / 0.6, 21)  # low-pass below aliasing and the decimation filter
+STILL = 1e-9  # share of the mean power below which a signal counts as zero
 MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
 POOLED_TIME = 0.5  # s of all realizations but one together over which it is pooled at least
 MAX_PREDICTION = 0.25  # s from which the noise is predicted
 COLLINEAR = 1e-6  # share of power that is added where velocity and acceleration are collinear
-WHITE_SHARE = 0.01  # of the noise's variance that is white at least: the rest may be misfit
-MIN_NOISE = 1e-8  # share of the torque's power that is taken as noise
+WHITE_SHARE = 0.01  # white noise that is added to the residual's covariance, in noise variances
 MISFIT_SHARE = 30.0  # the same where the residual is misfit
+MIN_NOISE = 1e-8  # noise variance at least, as a share of the torque's power
 MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
-UNKNOWN = 1e4  # standard error, in sizes, of the coefficient of a signal that is still
+UNKNOWN = 1e4  # squared, in units of a signal's power: prior precision that holds it at 0
 U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
 
 
 class FreeEstimates:
     """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
 
-    ``coefficients`` (regressor, time) are the latest ones, which give the noise. ``products``
-    (time, signal, signal) are sums over realizations. ``constants`` are viscosity, inertia and
-    further ones, with a ``covariance``. If they are not ``identifiable``, signals are collinear.
-    The constants are then 0 in the directions that the data do not determine.
+    ``coefficients`` (regressor, time) are those of the last fit, whose residual gives the noise.
+    ``products`` (time, signal, signal) are sums over realizations. ``constants`` are the
+    coefficients of velocity, acceleration and further regressors, with a ``covariance``.
+    ``identifiable`` is False if these signals are collinear. The constants are then 0 in the
+    directions that the data do not determine.
     """
 
     coefficients: Array
@@ -76,7 +77,7 @@ class FreeEstimates:
             self.coefficients[V] = known = viscosity.mean()
             variance = viscosity.variance()
         precision = signals.prior_precision / self._weigh()
-        if viscosity is not None:  # no constant is added to it
+        if viscosity is not None:  # hold the constant that would be added to it at 0
             precision[0] = UNKNOWN**2 * self.weights[0].constants[0, 0]
         free = self._solve(known, precision)
         lags = np.arange(times) / self.ensemble.sampling_rate
@@ -120,10 +121,10 @@ class FreeEstimates:
     def _weigh(self) -> float:
         """Set the weights from the residual, and return the mean variance of the noise.
 
-        The weights are products that give the estimates, and products that give their covariance,
-        which is the inverse of the first ones around these, a sandwich. Where the noise is
-        whitened, both are the same. Whitening would amplify misfit. So where the residual's
-        products with velocity show misfit, they are weighted almost alike.
+        ``weights`` are products G, which give the estimates, and products S, which give their
+        covariance, the sandwich G⁻¹ S G⁻¹. If the noise is whitened, both are the same. But
+        whitening amplifies misfit. If the residual's products with velocity show misfit, the
+        weights of G are almost those of white noise.
         """
         signals, times, columns = self.signals, self.axis.times, self.signals.columns
         residual = columns[-1] - np.einsum("krt,kt->rt", columns[:-1], self.coefficients)
@@ -137,7 +138,7 @@ class FreeEstimates:
             return whitening_filters(more, signals.independent, rate, periodic)
 
         def weighted(filters: Array) -> Weighted:
-            # A reflex's differences take up what decimation does to the acceleration.
+            # With a reflex, its differences of higher order model the decimated acceleration.
             return Weighted.by(columns, filters, low_band=signals.reflex is None)
 
         filters = filters_with(WHITE_SHARE)
@@ -255,9 +256,9 @@ def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
 
 
 def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
-    """Return variances by which viscosity and inertia seem to change, beyond the noise, (2,).
+    """Return the variances (2,) over time of viscosity and inertia that noise does not explain.
 
-    This is misfit that all realizations share: a response that is not of second order. At each time
+    They measure misfit that all realizations share: a response not of second order. At each time
     the residual of the ``coefficients`` (regressor, time) is regressed on velocity and
     acceleration. The regression coefficients vary more than by chance where there is misfit.
     """

@@ -20,12 +20,12 @@ MAX_POSITIONS = 400  # of one more switch
 MAX_FIRST = 200  # of the first switch
 MAX_PAIRED = 100  # of each of the first two switches
 FIRST_SIZE = 0.2  # standard deviation of the first one or two switches, in mean sizes
-MAX_GAIN = 50.0  # log evidence that a further switch is expected to bring at most
-SLACK = 5.0  # log evidence below the best down to which a set without gain counts
+MAX_GAIN = 50.0  # largest gain in log evidence that is expected of one more switch
+SLACK = 5.0  # loss of log evidence against the best set up to which a proposal is kept
 MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
-REACH = 12.0  # log evidence below the best down to which sets are kept
-MAX_SETS = 8  # that are kept
-SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and at last
+REACH = 12.0  # loss of log evidence against the best set up to which the search returns a set
+MAX_SETS = 8  # number of sets that the search returns
+SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and after it
 SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
 CLOSE = 3.0  # samples within which one of two switches may represent both
 SWEEPS = 4  # of all switches, each placed beside the others, at most
@@ -35,10 +35,11 @@ BY_SCORE = attrgetter("score")
 class Candidate(NamedTuple):
     """Switches at ``positions`` beside a smooth part, and their ``score``.
 
-    Each may also lie at other positions: ``places`` are these, and their probabilities.
-    They are known once the candidate ``is_refined``. ``log_volume`` is the log of the weight of all
-    positions together, in samples. ``evidence`` is the log evidence at any position, with a prior
-    of the switches' sizes, including all priors.
+    ``score`` is the log evidence with the switches at exactly these positions. ``places`` holds the
+    possible positions of each switch and their probabilities, once the candidate ``is_refined``.
+    ``log_volume`` is the log of the ratio of the evidence, integrated over all these positions in
+    samples, to that at the best ones. ``evidence`` is the integrated log evidence, priors included,
+    for the size prior with the index ``size_prior``.
     """
 
     smooth: SmoothFit
@@ -183,9 +184,9 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
 def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
     """Return sets of switches near the best score, and the empty one, which is last.
 
-    The search begins with the ``first`` candidate of each smooth part. It always goes on beside the
-    smooth part that has the best score. It does not begin beside a smooth part with a set at which
-    it ended beside another.
+    The search begins with the ``first`` candidate of each smooth part. Each step extends the
+    candidate with the best score. A smooth part is skipped if its first set of switches is one at
+    which the search of another smooth part has ended.
     """
     found, still_open, ended = list(first), {each.smooth: each for each in first}, set[bytes]()
     # The search begins only where a gain as large, and REACH more, would make it the best.

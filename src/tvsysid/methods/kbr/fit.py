@@ -21,12 +21,11 @@ from tvsysid.methods.kbr.record import Mask, Record, Sums
 from tvsysid.numerics.gaussian import SMALLEST_RESIDUAL, Moments, solve
 from tvsysid.signals import Array
 
-CONVERGED = 1e-4  # relative change of the noise variance; another step changes 1e-4 of it
-ITERATIONS = 30  # noise variances tried at most
-# share of the torque's power that the noise is taken to have at least, until it is known
-GUESS = 1e-2
-SMOOTH_HZ = 0.5  # to either side, over which the residual's power is averaged
-FLOOR = 1e-3  # share of the largest power below which none is taken to lie
+CONVERGED = 1e-4  # relative change of the noise variance at which iterations stop
+ITERATIONS = 30  # maximum number of noise variances tried
+INITIAL_NOISE = 1e-2  # initial noise variance, as a share of the torque's power
+SMOOTH_HZ = 0.5  # half width of the window over which the residual's power is averaged
+MIN_POWER = 1e-3  # smallest power of the residual in the weights, as a share of the largest
 
 
 @attrs.frozen(eq=False)
@@ -59,7 +58,7 @@ def fit(sums: Sums, precision: Array) -> Fit:
     prior, the second half are instruments (:func:`by_instruments`).
     """
     power = float(sums.products[-1, -1]) / sums.number
-    noise, floor = GUESS * power, SMALLEST_RESIDUAL * power
+    noise, floor = INITIAL_NOISE * power, SMALLEST_RESIDUAL * power
     slope, place_before, gap_before = -1.0, math.nan, math.nan
     for iteration in range(1, ITERATIONS + 1):
         moments, shrinkage = sums.marginal(noise), sums.shrinkage(noise)
@@ -71,7 +70,8 @@ def fit(sums: Sums, precision: Array) -> Fit:
             effective = found.effective - noise * sums.prior * float(np.sum(through**2))
         else:
             mean, residual, effective, factor = by_instruments(moments, noise * precision)
-        # The external terms count with what they take from the residual, not as parameters.
+        # The sums penalize the external terms. Count these among the effective parameters, and
+        # take their penalty out of the squared residual.
         terms = shrinkage * (sums.mixed[-1] - mean @ sums.mixed[: len(mean)])
         effective += float(sums.powers @ shrinkage)
         residual -= noise * sums.prior * float(terms @ terms)
@@ -81,7 +81,7 @@ def fit(sums: Sums, precision: Array) -> Fit:
             break
         if iteration > 1 and place != place_before:
             slope = (gap - gap_before) / (place - place_before)
-        # Where the secant is no help, the plain step.
+        # If the slope of the secant is unusable, take the step of the fixed point.
         step = -gap / slope if slope < -0.1 else gap
         place_before, gap_before = place, gap
         noise = max(math.exp(place + min(max(step, -7.0), 7.0)), floor)
@@ -113,10 +113,11 @@ def by_instruments(moments: Moments, prior: Array) -> tuple[Array, float, float,
 
 @attrs.frozen(eq=False)
 class KernelPosterior:
-    """Posterior of all coefficients: of those fitted, and by the prior alone of the others.
+    """Posterior of all coefficients of the kernel's features.
 
-    ``fit`` is that of the ``visible`` coefficients. The data say nothing of the others, which have
-    their prior ``precision``. Both have the shape (signal, column).
+    ``fit`` is the posterior of the ``visible`` coefficients. The others are not fitted: they keep
+    their prior, with mean 0 and the prior ``precision``. ``visible`` and ``precision`` have the
+    shape (signal, column).
     """
 
     fit: Fit
@@ -144,7 +145,7 @@ class KernelPosterior:
         return covariance
 
 
-def fit_coefficients(record: Record, variances: Array, reweighted: int = 0) -> KernelPosterior:
+def fit_coefficients(record: Record, variances: Array, reweighted: int) -> KernelPosterior:
     """Fit the coefficients that the data can see, with prior ``variances`` (signal,).
 
     The frequencies are weighted by the residual's power. The weights are updated ``reweighted``
@@ -152,7 +153,7 @@ def fit_coefficients(record: Record, variances: Array, reweighted: int = 0) -> K
     """
     rate = record.runs[0].rate
     numbers = max(1.0, record.size * min(record.band[1] / rate, 0.5))
-    noise, weights = GUESS * 0.5 * float(record.powers[-1]) / numbers, None
+    noise, weights = INITIAL_NOISE * 0.5 * float(record.powers[-1]) / numbers, None
     posterior = _fit_visible(record, variances, noise, weights)
     for _ in range(reweighted):
         weights = residual_weights(record, posterior, weights or record.white)
@@ -163,7 +164,10 @@ def fit_coefficients(record: Record, variances: Array, reweighted: int = 0) -> K
 def _fit_visible(
     record: Record, variances: Array, noise: float, weights: Sequence[Array] | None
 ) -> KernelPosterior:
-    """Fit the features that exceed a part of the noise, which is lowered until the fit has it."""
+    """Fit the features whose torque can exceed a share of the ``noise`` variance.
+
+    This variance is lowered until it is at most twice that of the fit.
+    """
     precision = np.outer(2 / variances, record.kernel.precision)
     most = max(map(np.max, weights)) if weights else 1.0
     while True:
@@ -203,6 +207,6 @@ def residual_weights(
     )
     total = np.append(0.0, np.cumsum(np.tile(np.concatenate(powers), 3)[order]))
     power = (total[last] - total[first]) / (last - first)
-    power = np.maximum(power, max(FLOOR * power.max(), np.finfo(float).tiny))
+    power = np.maximum(power, max(MIN_POWER * power.max(), np.finfo(float).tiny))
     power /= power.mean()
     return [1 / np.sqrt(np.interp(run.frequency, at, power)) for run in record.runs]

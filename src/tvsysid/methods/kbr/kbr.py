@@ -30,7 +30,7 @@ USUAL = PRESETS["simulation"]
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 # modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
 USUAL_MODULUS = 100.0
-# times that residual weights are found; a third changes stiffness by a hundredth of its error
+# iterations of the residual weights; a third changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
 
 
@@ -104,9 +104,9 @@ class KernelRegression(shared.ByReference):
 
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
     of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
-    with some 110 unknowns. The cost grows with the cube of the record where the decay is short
-    against it: 600 s at 30 s take 3800 coefficients and some 10 s. The paper's decay of 120 000 s
-    is meant as none.
+    with some 110 unknowns. If the decay is much shorter than the record, the cost grows with the
+    cube of the record's length: 600 s with a decay of 30 s take 3800 coefficients and some 10 s.
+    The paper's decay of 120 000 s means no decay.
 
     The external term is a sum of five half-cosines over a run, with the torque's variance as prior
     variance each.
@@ -160,7 +160,10 @@ class KernelRegression(shared.ByReference):
 
     @property
     def least_share(self) -> float:
-        """Return the least share that the reference must explain; residual weights need less."""
+        """Return the smallest share of the angle that the reference must predict.
+
+        Residual weights need less.
+        """
         return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
 
     def _fit(self, ensemble: Ensemble, moved: Ensemble) -> KernelModel:
@@ -229,7 +232,7 @@ class KernelRegression(shared.ByReference):
         constants[-3:, 0] = True  # by the angle that a reference predicts, if there is one
         found = fit(record.sums(constants), np.zeros(3))
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
-        # of a torque that does not answer at all
+        # A torque that does not depend on the angle would give a scale of 0.
         least = 1e-6 * math.sqrt(record.powers[-1] / record.powers[-4])
         return DEGREE / USUAL_MODULUS * max(float(modulus), least)
 

@@ -24,7 +24,7 @@ ComplexArray = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
 BLOCK = 512  # frequencies whose regressors are held at once
-# half-cosines over a run, the fastest of two cycles, that make up the smooth external term
+# half-cosines over a run that model the smooth external term, from 0 to 2 cycles
 EXTERNAL_TERMS = 5
 # share of the noise that the torque of a feature must be able to reach for it to be fitted
 VISIBLE = 0.03
@@ -33,10 +33,10 @@ VISIBLE = 0.03
 class Sums(NamedTuple):
     """Products of regressors X and torque y with each other, and with external terms T.
 
-    The numbers of y are real and imaginary parts of spectra. ``products`` are those of the columns
-    [X y], the torque last, of which only the lower triangle is read; ``mixed`` is [X y]ᵀT. The
-    terms are orthogonal, and ``powers`` are their squares. ``prior`` is the prior precision of each
-    term. ``number`` counts the numbers.
+    The values of y are real and imaginary parts of spectra. ``products`` is [X y]ᵀ[X y], of which
+    only the lower triangle is read. ``mixed`` is [X y]ᵀT. The terms are orthogonal, and ``powers``
+    are their squares. ``prior`` is the prior precision of each term. ``number`` is the effective
+    number of values of y.
     """
 
     products: Array
@@ -61,10 +61,11 @@ class Run:
     """Consecutive realizations, as ``spectra`` of signals times the kernel's slow functions.
 
     The signals are the angle and its derivatives, then those of an instrument if there is one, and
-    last the torque, which is multiplied by the first function only. They are 0 where the
-    derivatives lack samples; ``known`` of the ``samples`` are left. ``spectra`` (signal x function,
-    frequency) have ``norm="ortho"``. They reach from ``reach`` bins below the fitted ``bins`` to as
-    many above them. ``periods`` and ``start`` (s) tell the place of a run in the behaviour.
+    last the torque, which is multiplied by the first function only. ``known`` of the ``samples``
+    have derivatives; the signals are 0 elsewhere. ``spectra`` (signal x function, frequency) have
+    ``norm="ortho"``. They begin ``reach`` bins below the fitted ``bins``, and end as many above.
+    A run begins at ``start`` s of the trial and lasts ``periods`` realizations. ``powers`` are the
+    squares of the signals, ``rate`` is the sampling rate in Hz.
     """
 
     spectra: ComplexArray
@@ -268,7 +269,7 @@ def clocks_of(ensemble: Ensemble) -> Array:
 
 
 def joined(ensemble: Ensemble, realizations: NDArray[np.int64]) -> Array:
-    """Return the angle of consecutive realizations, with what the derivatives need at the ends."""
+    """Return the angle of consecutive realizations, with context for derivatives at the ends."""
     start, stop = ensemble.core.start, ensemble.core.stop
     context = min(ensemble.context, HALF_WIDTH)
     before = ensemble.angle[realizations[0], start - context : start]

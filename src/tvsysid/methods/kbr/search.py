@@ -25,18 +25,19 @@ from tvsysid.methods.tuning.evidence import Evidence
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Array, Ensemble
 
-LENGTHS = np.geomspace(0.002, 30.0, 12)  # periodic lengths of which a tuned one is the best
-DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # decays that are tried, in lengths of the record
+LENGTHS = np.geomspace(0.002, 30.0, 12)  # candidates of l1, from which the search climbs
+DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
 START = 1e3  # initial power of the torque that each coefficient makes, in noise variances
-FREE, LEEWAY = 15.0, math.log(100.0)  # by which log prior variances may rise, and by a decay
+# largest rise of log prior variances, without decay and from one decay to the next
+MAX_RISE, MAX_RISE_BY_DECAY = 15.0, math.log(100.0)
 # coefficients above which a decay is not tried, and the given settings are not compared
 MAX_COEFFICIENTS = 2000
 # decrease of the log noise variance from the start at which the data are too few to show any noise
 MAX_FALL = 12.0
 # share of the noise below which a feature's part of the torque does not count in the likelihood
-FAINT = 1e-7
+MIN_STRENGTH = 1e-7
 # decrease of the log marginal likelihood from which on shorter decays are not tried
-CLEARLY = 5.0
+MAX_LOSS = 5.0
 _value = attrgetter("value")
 
 
@@ -68,8 +69,8 @@ class Likelihood:
     r"""Log marginal likelihood by the logs of l1, three prior variances and the noise variance.
 
     The constants have no prior, and are integrated out with unit density (restricted likelihood).
-    The ``moments`` are those of the effective number of samples, with the external terms integrated
-    out for about the ``noise`` variance. ``signal`` and ``harmonic`` are those of each column.
+    The ``moments`` count the effective number of samples, and the external terms are integrated
+    out. ``signal`` and ``harmonic`` are those of each column. ``flat`` columns are the constants.
     """
 
     moments: Moments
@@ -93,7 +94,7 @@ class Likelihood:
         variances = np.where(self.flat, 0.0, theta[1 + self.signal] + logs[self.harmonic])
         with np.errstate(divide="ignore"):
             strength = variances + np.log(np.diag(self.moments.gram)) - theta[4]
-        counts = self.flat | (strength > math.log(FAINT))
+        counts = self.flat | (strength > math.log(MIN_STRENGTH))
         precision = np.where(self.flat[counts], 0.0, np.exp(-variances[counts]))
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
         by_variances = found.by_variances
@@ -104,7 +105,7 @@ class Likelihood:
     def climb(self, start: Candidate, lengths: tuple[float, float], rise: float) -> Candidate:
         """Climb to the highest likelihood near a start, with l1 between two ``lengths``.
 
-        Log prior variances may ``rise`` so far; 0 keeps them.
+        ``rise`` is the largest rise of log prior variances; 0 keeps them constant.
         """
         low, high = start.theta - MAX_FALL, start.theta + MAX_FALL
         low[1:4], high[1:4] = start.theta[1:4] - (50.0 if rise else 0.0), start.theta[1:4] + rise
@@ -155,8 +156,8 @@ class Search:
         # Each coefficient makes a torque 1000 times the noise.
         loose = np.log([1.0, *(START * self.noise / record.powers[:3]), self.noise])
         start = Candidate(ENDLESS, loose, "no decay")
-        found = [strict.climb(start, (length, length), FREE) for length in LENGTHS]
-        found.append(strict.climb(max(found, key=_value), (LENGTHS[0], LENGTHS[-1]), FREE))
+        found = [strict.climb(start, (length, length), MAX_RISE) for length in LENGTHS]
+        found.append(strict.climb(max(found, key=_value), (LENGTHS[0], LENGTHS[-1]), MAX_RISE))
         kept = math.exp(given.theta[0])
         as_given = self._climb(given, (kept, kept), 0.0) or given
         return [as_given, *found, *self._decays(max(found, key=_value), kernel)]
@@ -165,11 +166,11 @@ class Search:
         """Yield the best settings for shorter and shorter decays, while the likelihood may rise."""
         for decay in np.array(DECAYS) * kernel.span:
             trial = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
-            found = self._climb(trial, (LENGTHS[0], LENGTHS[-1]), LEEWAY)
+            found = self._climb(trial, (LENGTHS[0], LENGTHS[-1]), MAX_RISE_BY_DECAY)
             if found is None:
                 return
             yield found
-            if decay < 4 * kernel.period or found.value < best.value - CLEARLY:
+            if decay < 4 * kernel.period or found.value < best.value - MAX_LOSS:
                 return
             best = max(best, found, key=_value)
 

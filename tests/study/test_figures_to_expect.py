@@ -64,7 +64,7 @@ def ours():
 @pytest.fixture(scope="module")
 def theirs():
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sys.modules["tvsysid.simulate.actuator"], "actuate", actuate_held_drive)
+        patched.setattr(sys.modules["tvsysid.simulate.joint"], "actuate", actuate_held_drive)
         return study_figures(20)
 
 

@@ -59,7 +59,7 @@ def test_few_realizations_and_the_method_that_leads_then():
     ensemble = ensemble_of().select([0, 1])  # of a sine
     found = tv.recommend(ensemble)
     assert found.suited == ("birf:tuned=true", "kbr")  # adaptive does not apply
-    assert "at most 3 harmonics of the period: their evidence" in repr(found)
+    assert "at most 3 harmonics of the period describe how" in repr(found)
     assert tv.compare(ensemble, ["eirf", "birf", "kbr"]).leading == "kbr"
 
 

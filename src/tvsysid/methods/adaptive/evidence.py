@@ -126,7 +126,7 @@ class FreeEstimate:
 class SmoothFit:
     """Free estimate explained by one smooth part.
 
-    ``score`` is the log evidence relative to no smooth part and no constant, plus the log prior.
+    ``score`` is the log evidence relative to that of a function that is 0, plus the log prior.
     ``mean`` (coefficient,) are the coefficients of the smooth part, in units in which their
     posterior is white.
     """

@@ -19,7 +19,7 @@ from scipy.special import ndtr
 from tvsysid.numerics import Array
 
 LEVEL = 30.0  # standard deviation of the constant
-AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # standard deviations; the first has no corners
+AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # prior standard deviations; Matérn lacks the first
 MIN_LENGTH = 4.0  # samples, of the roughest smooth part
 LENGTH_RATIO = 1.6  # from one length to the next
 MAX_LENGTH = 1 / 1.2  # periods; from half a period on, one harmonic is all that is left
@@ -29,7 +29,7 @@ SWITCH_SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch, equally like
 DECIMATOR_REACH = 15  # samples before decimation to either side that its filter reaches
 USUAL_TAPS = 1.5  # samples that it reaches after decimation by 10
 LOW_PASS = 0.33  # standard deviation of the decimation filter's impulse response in samples
-JITTERS = (1.0, 1.4, 2.0, 2.8, 4.0)  # samples, that are tried
+JITTERS = (1.0, 1.4, 2.0, 2.8, 4.0)  # candidate standard deviations of a switch's time, in samples
 
 
 class SmoothPrior(NamedTuple):

@@ -27,6 +27,11 @@ def shares(results):
     """What is drawn of each method."""
     figure = coverage_over_time(results, [LABEL], "Bands")
     draw(figure)
+    above, below = figure.axes
+    assert above.get_ylabel() == "trials whose 95 % band\nholds the truth (%)"
+    assert below.get_xlabel() == "time within a realization (s)"
+    truth = results.truth.sel(quantity="stiffness")[0]
+    np.testing.assert_array_equal(below.lines[0].get_ydata(), truth)
     return {str(line.get_label()): line.get_ydata() for line in figure.axes[0].lines}
 
 
@@ -53,6 +58,12 @@ def test_no_line_without_bands_and_trials_without_one_do_not_count(made):
     assert np.isnan(shown["esm"][:50]).all()
     np.testing.assert_allclose(shown["esm"][50:98], 100)
     np.testing.assert_allclose(shares(fail(made, "kbr", 3, "no such luck"))["kbr"], 100)
+
+
+def test_what_is_told_below_it(made):
+    told = study_figures(made, summary_of(made))["coverage-square"]
+    assert told.title == "Square-wave stiffness: how often the bands hold the truth, 150 s"
+    assert "about a switch bands miss the truth." in told.description
 
 
 def test_a_study_whose_methods_have_no_bands_has_no_such_figure():

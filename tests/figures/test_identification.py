@@ -26,6 +26,13 @@ def drawn():
     return models, bands, {axes.get_ylabel().split(" (")[0]: axes for axes in figure.axes}
 
 
+def test_each_quantity_has_its_axes_with_unit(drawn):
+    _, _, axes = drawn
+    assert set(axes) == {"stiffness", "viscosity", "inertia", "time-varying VAF"}
+    assert "N·m·s/rad" in axes["viscosity"].get_ylabel()
+    assert axes["inertia"].get_xlabel() == "time within a realization (s)"
+
+
 def test_the_first_method_stands_out(drawn):
     for axes in drawn[2].values():
         first, second = axes.lines
@@ -91,6 +98,18 @@ def test_any_quantity_is_drawn_over_its_own_axis():
     assert slope.collections[0].get_paths()[0].vertices[:, 1].max() == pytest.approx(
         2.0 + 1.96 * 0.1, abs=1e-3
     )
+
+
+def test_the_whole_band_of_the_first_method_is_shown(drawn):
+    first = drawn[0]["sds"]
+    wide = tv.Estimate(
+        np.full(200, 40.0), "N m s/rad", error=StandardError(np.full(200, 10.0), np.inf)
+    )
+    model = attrs.evolve(first, estimates={**first.estimates, "reflex_gain": wide})
+    axes = {each.get_ylabel(): each for each in identified_impedance({"one": model}, {}).axes}
+    low, high = axes["reflex gain (N·m·s/rad)"].get_ylim()
+    assert low < 20
+    assert high > 60
 
 
 def test_a_rough_curve_is_behind_and_does_not_hide_the_others(drawn):

@@ -24,3 +24,19 @@ def test_truth_below_and_methods_dashed_in_their_colours():
         ]
         assert all(line.is_dashed() for line in found)
         assert truth.get_linewidth() > 2 * found[0].get_linewidth()
+
+
+def test_long_labels_and_one_instant():
+    methods = (
+        "sds:window=0.2,max_lag=0.1",
+        "mine:AMethodWithANameThatHardlyEverSeemsToEnd",
+        "eirf",
+        "birf",
+        "own",
+    )
+    figure = impulse_responses(responses_of(methods).isel(instant=[0]))
+    draw(figure)
+    legend = figure.legends[0].get_window_extent()
+    assert legend.y1 <= figure.axes[0].get_window_extent().y0
+    assert legend.x0 >= 0
+    assert legend.x1 <= figure.bbox.x1

@@ -21,6 +21,12 @@ def test_all_figures_of_a_study():
         assert illustration.description.endswith(".")
 
 
+def test_descriptions_say_what_is_drawn(results, summary):
+    text = study_figures(results, summary)["comparison-square-prbs"].description
+    assert "over one realization of square-prbs-150s-10dB" in text
+    assert "mean and two standard deviations over 6 trials" in text
+
+
 NOISES = [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))]
 
 
@@ -43,6 +49,13 @@ NOISES = [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))]
 def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
     results = results_of(scenarios, ("sds", "esm"), trials=2)
     assert list(study_figures(results, summary_of(results))) == stems
+
+
+@pytest.mark.slow
+def test_one_perturbation_and_several_noises_are_drawn():
+    results = results_of(NOISES, ("sds", "esm"), trials=2)
+    for illustration in study_figures(results, summary_of(results)).values():
+        draw(illustration.draw())
 
 
 def test_covarying_viscosity_has_figures_of_its_own():

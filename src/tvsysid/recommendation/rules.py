@@ -116,8 +116,8 @@ RULES = (
     Rule(
         ("evidence of few harmonics > 5",),
         ("birf:tuned=true", "adaptive", "kbr"),
-        f"at most {MAX_FEW_HARMONICS} harmonics of the period describe how stiffness changes: their "
-        "evidence is {evidence of few harmonics:.0f} nat higher than that of other functions. Few "
+        f"at most {MAX_FEW_HARMONICS} harmonics of the period describe how stiffness changes: "
+        "their evidence is {evidence of few harmonics:.0f} nat higher than that of others. Few "
         "coefficients have the least random error",
     ),
     Rule(

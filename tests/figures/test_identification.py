@@ -106,10 +106,11 @@ def test_the_whole_band_of_the_first_method_is_shown(drawn):
         np.full(200, 40.0), "N m s/rad", error=StandardError(np.full(200, 10.0), np.inf)
     )
     model = attrs.evolve(first, estimates={**first.estimates, "reflex_gain": wide})
-    axes = {each.get_ylabel(): each for each in identified_impedance({"one": model}, {}).axes}
-    low, high = axes["reflex gain (N·m·s/rad)"].get_ylim()
-    assert low < 20
-    assert high > 60
+    for models in ({"one": model}, {"one": model, "other": model}):
+        axes = {each.get_ylabel(): each for each in identified_impedance(models, {}).axes}
+        low, high = axes["reflex gain (N·m·s/rad)"].get_ylim()
+        assert low < 20
+        assert high > 60
 
 
 def test_a_rough_curve_is_behind_and_does_not_hide_the_others(drawn):

@@ -85,7 +85,7 @@ def draw_quantity(
 
     The roughest curve is behind, the first model in front.
     """
-    unit, over, curves = UNITS.get(name, ""), style.REALIZATION_TIME, []
+    unit, over, curves, shown = UNITS.get(name, ""), style.REALIZATION_TIME, [], []
     words = name.replace("_", " ")
     for label, look in _lines(models).items():
         model, estimate = models[label], models[label].estimates.get(name)
@@ -98,7 +98,8 @@ def draw_quantity(
         curves.append(values)
         if estimate.values.size == len(values):  # a mean over realizations has no band
             band = np.reshape(estimate.limits(simultaneous=simultaneous), (2, -1))
-            curves += [band] * ("zorder" in look)
+            if "zorder" in look and np.isfinite(band).any():
+                shown = np.nanpercentile(band, [2, 98]).tolist()
         look.setdefault("zorder", 2 + 1 / (1 + np.nansum(np.abs(np.diff(values)))))
         style.curve(axes, where, values, band, **look)
         for switch in model.switches if isinstance(model, AdaptiveModel) else ():
@@ -107,7 +108,7 @@ def draw_quantity(
                 text = f"{words} {switch.size:+.3g} at {switch.time:.3f} s".replace("-", "−")
                 axes.axvline(switch.time, color=style.INK, linestyle="--", lw=0.8, label=text)
     axes.set(xlabel=over, ylabel=f"{words} ({unit_name(unit)})")
-    style.limit_to_usual(axes, curves)
+    style.limit_to_usual(axes, curves, shown)
     if not curves:
         style.remark(axes, "not identified")
 

@@ -31,7 +31,6 @@ DETAILS = {
     "threshold": ("threshold of the reflex", "rad/s"),
     "vaf_intrinsic": ("VAF, intrinsic", "%"),
     "vaf_reflex": ("VAF, reflex", "%"),
-    "vaf_held_out": ("VAF, held out", "%"),
     "vaf_folds": ("VAF, five folds", "%"),
 }
 """Names and units of what models with a reflex know beside their estimates."""

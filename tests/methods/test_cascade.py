@@ -1,5 +1,7 @@
 """Test the joint fit of both pathways against plain code and on known joints."""
 
+import warnings
+
 import attrs
 import numpy as np
 import pytest
@@ -278,3 +280,19 @@ def test_realizations_without_history_are_refused(random):
     angle = random.normal(size=(20, 40))
     with pytest.raises(tv.InputError, match=r"the reflex needs 0.45 s of record before"):
         tv.JointCascade().identify(tv.Ensemble(angle, angle, 100.0))
+
+
+@pytest.mark.parametrize(
+    ("gain", "told"), [(tv.simulate.Constant(8.0), True), (tv.simulate.SineWave(8.0, 6.0), False)]
+)
+def test_a_change_of_the_gain_within_its_band_is_told(gain, told):
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.SineWave(), reflex_gain=gain)
+    recording = joint.simulate(
+        80, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
+    ).recording
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tv.DataQualityWarning)
+        model = tv.JointCascade().identify(tv.preprocess.subtract_mean(ensemble))
+    texts = " ".join(model.diagnostics.warnings)
+    assert ("gain's change over time is not identified" in texts) == told

@@ -253,7 +253,8 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
     over_time = data.over_time(mean[: data.own])
     details = _details(selection, used)
     details["stiffness_fitted"] = float((over_time @ readout(lags, rate)[0]).mean())
-    texts = _warnings(selection, details, float(over_time[data.times, 0].mean()))
+    mean_stiffness = float(over_time[data.times, 0].mean())
+    texts = _warnings(selection, details, mean_stiffness, estimates["reflex_gain"])
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
@@ -336,8 +337,10 @@ def _details(selection: Selection, used: Fit) -> dict[str, float]:
     return details | {f"evidence_{each}": float(evidence[each].objective) for each in evidence}
 
 
-def _warnings(selection: Selection, details: Mapping[str, float], mean: float) -> Iterator[str]:
-    """Yield reasons to doubt the reflex, or a ``mean`` stiffness."""
+def _warnings(
+    selection: Selection, details: Mapping[str, float], mean: float, gain: Estimate
+) -> Iterator[str]:
+    """Yield reasons to doubt the reflex or its ``gain``, or a ``mean`` stiffness."""
     fit, fitted = selection.fit, details["stiffness_fitted"]
     if not selection.shown:
         yield (
@@ -365,6 +368,14 @@ def _warnings(selection: Selection, details: Mapping[str, float], mean: float) -
     unlimited = attrs.evolve(fit, positive=None).posterior
     square = fit.regression.moments.square
     yield from contradicted((fit.posterior.left - unlimited.left) / square)
+    assert gain.standard_error is not None
+    if not details["constant"] and 1.96 * np.nanmax(gain.standard_error.values) > np.ptp(
+        gain.values[np.isfinite(gain.values)]
+    ):
+        yield (
+            "the reflex gain's change over time is not identified: its band is wider than its "
+            "range; only its mean is"
+        )
 
 
 def contradicted(lost: float) -> Iterator[str]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tvsysid.figures.style import MARKERS, PALETTE, TRUTH, lines
-from tvsysid.methods import DEFAULT_METHODS, METHODS
+from tvsysid.methods import METHODS, STUDIED_METHODS
 
 # What is left of linear RGB without the cone for red, green or blue: Machado, Oliveira and
 # Fernandes 2009, severity 1.
@@ -87,7 +87,7 @@ def test_contrast_on_white():
 @pytest.mark.parametrize(("count", "least"), [(6, 19), (9, 10.5), (15, 8)])
 def test_colours_differ(eye, count, least):
     assert len(PALETTE) >= len(METHODS)
-    assert {list(METHODS).index(key) for key in DEFAULT_METHODS} == set(range(6))
+    assert {list(METHODS).index(key) for key in STUDIED_METHODS} == set(range(6))
     pairs = [(one, other) for place, one in enumerate(PALETTE[:count]) for other in PALETTE[:place]]
     assert min(distance(*pair, eye) for pair in pairs) > least
 

@@ -31,7 +31,7 @@ class Exploration:
     """
 
     def __init__(self, start: Settings, channels: dict[str, str], port: int = 0) -> None:
-        # Nobody else on this computer, and no other page of the browser, knows the address.
+        # The address is secret: other users and other pages cannot open this page.
         path, content = f"/{secrets.token_urlsafe(12)}/", page(start, channels)
         newest: list[object] = []
 

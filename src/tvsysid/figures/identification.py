@@ -87,6 +87,7 @@ def draw_quantity(
     """
     unit, over, curves, shown = UNITS.get(name, ""), style.REALIZATION_TIME, [], []
     words = name.replace("_", " ")
+    first = next(iter(models), None)
     for label, look in _lines(models).items():
         model, estimate = models[label], models[label].estimates.get(name)
         if estimate is None or not np.isfinite(estimate.values).any():
@@ -98,7 +99,7 @@ def draw_quantity(
         curves.append(values)
         if estimate.values.size == len(values):  # a mean over realizations has no band
             band = np.reshape(estimate.limits(simultaneous=simultaneous), (2, -1))
-            if "zorder" in look and np.isfinite(band).any():
+            if label == first and np.isfinite(band).any():
                 shown = np.nanpercentile(band, [2, 98]).tolist()
         look.setdefault("zorder", 2 + 1 / (1 + np.nansum(np.abs(np.diff(values)))))
         style.curve(axes, where, values, band, **look)

@@ -15,7 +15,7 @@ from tvsysid.figures.words import wrapped
 if TYPE_CHECKING:
     import pandas as pd
 
-LEAST = 1.0  # %: where colours begin
+MIN_ERROR = 1.0  # %, at which the scale of colours begins
 DARK = 0.45  # share of the colours on which print is white
 
 
@@ -48,7 +48,7 @@ def leaderboard(
     scores.set_xlabel("score (%), ± 2 standard errors")
     ranks = zip(table["rank"], table.entry, strict=True)
     scores.set_yticks(places, [f"{rank}  {wrapped(entry, 30, 2)}" for rank, entry in ranks])
-    shade = LogNorm(LEAST, 100.0, clip=True)
+    shade = LogNorm(MIN_ERROR, 100.0, clip=True)
     errors.imshow(table[names], cmap="cividis", norm=shade, aspect="auto")
     for (row, column), value in np.ndenumerate(table[names].to_numpy()):
         text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"

@@ -109,8 +109,8 @@ def finish(figure: Figure, caption: str | None = None) -> Figure:
         entries |= dict(zip(labels, handles, strict=True))
     if entries or caption:
         room, letter = LEGEND_ENTRY
-        longest = room + letter * max(map(len, entries), default=0)
-        columns: Any = max(1, int(figure.get_figwidth() / longest))
+        width = room + letter * max(map(len, entries), default=0)
+        columns: Any = max(1, int(figure.get_figwidth() / width))
         place: Any = "outside lower center"
         figure.legend(entries.values(), entries, loc=place, ncols=columns, title=caption)
     figure.align_ylabels()
@@ -208,11 +208,11 @@ def limit_to_usual(axes: Axes, curves: Iterable[Array], always: ArrayLike = ()) 
 
 def scale_errors(axes: Axes, values: pd.Series[float]) -> None:
     """Make the vertical axis logarithmic where errors differ much; else let it begin at 0."""
-    least, most = values.min(), values.max()
-    if 0 < 6 * least < most:
+    lowest, highest = values.min(), values.max()
+    if 0 < 6 * lowest < highest:
         axes.set_yscale("log")
         log_ticks(axes.yaxis)
-    elif 0 < 2 * least < most:
+    elif 0 < 2 * lowest < highest:
         axes.set_ylim(bottom=0)
 
 

@@ -4,7 +4,6 @@ from tvsysid.methods.base import Choice, Input, Method, centered_channels, reaso
 from tvsysid.methods.description import describe
 from tvsysid.methods.registry import (
     CLOSED_LOOP,
-    DEFAULT_METHODS,
     METHODS,
     PAPER_METHODS,
     STUDIED_METHODS,

@@ -53,7 +53,6 @@ METHODS: dict[str, type[Method]] = {
 }
 
 PAPER_METHODS = ("eirf", "sds", "birf", "esm", "kbr")  # compared by van de Ruit et al. 2021
-DEFAULT_METHODS = ("adaptive", *PAPER_METHODS)  # that a recommendation speaks of
 STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # of a study, by default
 CLOSED_LOOP = (  # for a joint in closed loop; the channel "disturbance" holds the reference
     "sds:reference=disturbance",

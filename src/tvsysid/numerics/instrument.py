@@ -21,7 +21,7 @@ from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, 
 EARLY, LATE = 0.04, 0.30  # s that the reference may come after the angle, and before it
 HARMONICS = 4
 FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
-LEAST = 1e-3  # of that prior's variance, however long the lag
+MIN_VARIANCE = 1e-3  # of that prior's variance, however long the lag
 BLOCKS = 5  # groups of realizations, each predicted by what the others tell
 # share of the angle that a reference predicts below which short windows cannot use it
 HARDLY_MOVED = 0.1
@@ -82,5 +82,5 @@ def _prior_deviation(early: int, late: int, rate: float) -> Array:
     lags = np.maximum(np.arange(-early, late + 1), 0) / rate
     harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
     return np.asarray(
-        np.sqrt(np.outer(np.exp(-lags / FADES) + LEAST, 1 / (1 + harmonics**2))).ravel()
+        np.sqrt(np.outer(np.exp(-lags / FADES) + MIN_VARIANCE, 1 / (1 + harmonics**2))).ravel()
     )

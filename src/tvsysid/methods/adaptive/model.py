@@ -88,9 +88,9 @@ class AdaptiveModel(Model):
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
-    ``switches`` are those of a probability of 5 % and more. Where a reflex is shown, the model
-    ``reflex`` has its pathway, and the intrinsic response of which stiffness and viscosity are a
-    part. ``hypotheses`` are the models that were averaged, by quantity, the most probable first.
+    ``switches`` are those of a probability of 5 % and more. Where a reflex is shown, ``reflex`` is
+    the model with its pathway and the intrinsic response, which includes stiffness and viscosity.
+    ``hypotheses`` are the models that were averaged, by quantity, the most probable first.
     """
 
     switches: tuple[Switch, ...] = ()

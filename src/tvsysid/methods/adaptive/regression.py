@@ -163,8 +163,8 @@ class FreeEstimates:
 
 def floored(power: Array) -> Array:
     """Return the power (..., time), at least a small share of its mean over time."""
-    least = STILL * power.mean(axis=-1, keepdims=True) + np.finfo(float).tiny
-    return np.asarray(np.maximum(power, least))
+    floor = STILL * power.mean(axis=-1, keepdims=True) + np.finfo(float).tiny
+    return np.asarray(np.maximum(power, floor))
 
 
 def inverse_root(matrix: Array) -> Array:
@@ -207,9 +207,9 @@ class Weighted(NamedTuple):
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``solved`` (time, signal) is the coefficient that explains each signal but the angle, the last
-    of which is the torque. ``moved`` (time, time) is its change for the other free coefficient, and
-    ``covariance`` (time, time) that from noise.
+    ``solved`` (time, signal) holds, for each signal but the angle, the coefficient that explains
+    it; the torque is the last signal. ``moved`` (time, time) maps the other free coefficient to the
+    change that it makes in this one. ``covariance`` (time, time) is due to noise.
     """
 
     solved: Array

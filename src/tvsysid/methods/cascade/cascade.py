@@ -340,7 +340,7 @@ def _details(selection: Selection, used: Fit) -> dict[str, float]:
 def _warnings(
     selection: Selection, details: Mapping[str, float], mean: float, gain: Estimate
 ) -> Iterator[str]:
-    """Yield reasons to doubt the reflex or its ``gain``, or a ``mean`` stiffness."""
+    """Yield warnings of a reflex, its ``gain`` or the ``mean`` stiffness that are not reliable."""
     fit, fitted = selection.fit, details["stiffness_fitted"]
     if not selection.shown:
         yield (

@@ -171,10 +171,10 @@ class Columns(NamedTuple):
         if functions.shape[1] == 1 or len(signal) <= MAX_FEW:
             values = convolved(signal * functions.T[:, None], response)
             return cls.explicit(values[..., -times:])
-        history, longest = len(functions) - times, min(times, MAX_WINDOW)
-        response = np.pad(response, (0, history + longest))
-        later = response[history : history + longest]
-        matrix = toeplitz(later, np.pad(response[history::-1], (0, longest - 1)))
+        history, window = len(functions) - times, min(times, MAX_WINDOW)
+        response = np.pad(response, (0, history + window))
+        later = response[history : history + window]
+        matrix = toeplitz(later, np.pad(response[history::-1], (0, window - 1)))
         return cls(signal[None], functions, matrix)
 
     def within(self, rows: slice, window: slice) -> Columns:

@@ -169,9 +169,9 @@ def _fit_visible(
     This variance is lowered until it is at most twice that of the fit.
     """
     precision = np.outer(2 / variances, record.kernel.precision)
-    most = max(map(np.max, weights)) if weights else 1.0
+    largest_weight = max(map(np.max, weights)) if weights else 1.0
     while True:
-        visible = record.visible(variances * most**2, noise)
+        visible = record.visible(variances * largest_weight**2, noise)
         has_instrument = len(record.powers) > 4
         chosen = np.concatenate([visible, visible]) if has_instrument else visible
         found = fit(record.sums(chosen, weights), precision[visible])

@@ -164,7 +164,7 @@ class KernelRegression(shared.ByReference):
 
         Residual weights need less.
         """
-        return shared.HARDLY_MOVED if self.weighting == "white" else shared.LEAST
+        return shared.HARDLY_MOVED if self.weighting == "white" else shared.MIN_SHARE
 
     def _fit(self, ensemble: Ensemble, moved: Ensemble) -> KernelModel:
         ensembles = [ensemble] if self.reference is None else [ensemble, moved]
@@ -233,8 +233,8 @@ class KernelRegression(shared.ByReference):
         found = fit(record.sums(constants), np.zeros(3))
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
         # A torque that does not depend on the angle would give a scale of 0.
-        least = 1e-6 * math.sqrt(record.powers[-1] / record.powers[-4])
-        return DEGREE / USUAL_MODULUS * max(float(modulus), least)
+        floor = 1e-6 * math.sqrt(record.powers[-1] / record.powers[-4])
+        return DEGREE / USUAL_MODULUS * max(float(modulus), floor)
 
     def _variances(self, record: Record) -> Array:
         """Return the prior variances of stiffness, viscosity and inertia about their means."""

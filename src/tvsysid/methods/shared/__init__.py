@@ -2,7 +2,7 @@
 
 from tvsysid.methods.shared.correlations import solve_windows
 from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
-from tvsysid.methods.shared.instrument import LEAST, ByReference
+from tvsysid.methods.shared.instrument import MIN_SHARE, ByReference
 from tvsysid.methods.shared.residuals import (
     Colour,
     colour_products,

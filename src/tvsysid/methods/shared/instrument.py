@@ -35,7 +35,7 @@ from tvsysid.validators import with_settings
 if TYPE_CHECKING:
     from tvsysid.methods.tuning.evidence import Evidence
 
-LEAST = 0.01  # share of the angle that the reference predicts below which nobody can use it
+MIN_SHARE = 0.01  # of the angle that a reference must predict for any method
 WEAK = 0.5  # below which there is a warning
 WINDOW = 0.30  # s over which the strength at a time counts
 
@@ -98,7 +98,7 @@ class ByReference(Method):
                 f"{self.key}: the disturbance {reference!r} hardly moves the angle: it predicts "
                 f"{_percent(explained)} of it, at least {_percent(self.least_share)} are needed. "
                 "Is it the right channel, and in time with the angle? If so, disturb more "
-                f"strongly{self._alternative() if self.least_share > LEAST else ''}"
+                f"strongly{self._alternative() if self.least_share > MIN_SHARE else ''}"
             )
         return moved, explained
 

@@ -37,12 +37,11 @@ def test_both_paths_are_found_from_a_record_and_from_short_segments(record, leng
     ]
     found = subspace.dynamics(pieces, HORIZON, 2)
     np.testing.assert_allclose(found, POLES, atol=1e-7)
-    rows = subspace.Rows.joined(subspace.rows_of(piece, found) for piece in pieces)
+    rows = subspace.rows_of(pieces, found)
     np.testing.assert_allclose(subspace.project(rows).response, RESPONSE, atol=1e-5)
     rest = rows._replace(output=rows.output - rows.signals @ RESPONSE)
-    weights = subspace.weights_of(rest, 2)
-    np.testing.assert_allclose(weights, WEIGHTS / np.linalg.norm(WEIGHTS), atol=1e-6)
-    reflex = subspace.hammerstein(rest, found, weights)
+    reflex = subspace.hammerstein(rest, found)
+    np.testing.assert_allclose(reflex.weights, WEIGHTS / np.linalg.norm(WEIGHTS), atol=1e-6)
     np.testing.assert_allclose(reflex.numerator, NUMERATOR * np.linalg.norm(WEIGHTS), atol=1e-6)
     assert reflex.static_gain == pytest.approx(reflex.impulse_response(400).sum(), rel=1e-6)
     assert np.abs(reflex.left).max() < 1e-5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.signal import oaconvolve
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
@@ -32,6 +33,18 @@ def autocovariance(x: Array, lags: int) -> Array:
     )
     products = irfft(power, size)[: lags + 1]
     return np.asarray(np.where(np.arange(lags + 1) < count, products / x.size, 0.0))
+
+
+def coloured_moments(columns: Array, noise: Array, taper: Array) -> Array:
+    r"""Return :math:`X \Sigma X^T` (column, column) of columns X (column, time).
+
+    :math:`\Sigma` has the autocovariance of the ``noise`` (time,), times a ``taper`` (lag,) from
+    lag 0 on.
+    """
+    half = autocovariance(noise[None], len(taper) - 1) * taper
+    kernel = np.concatenate([half[:0:-1], half])[None]
+    coloured = oaconvolve(columns, kernel, mode="same", axes=1) @ columns.T
+    return np.asarray(coloured + coloured.T) / 2
 
 
 def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike
 from scipy.linalg import cholesky, solve_triangular
 
 from tvsysid.numerics import Array
@@ -21,7 +20,7 @@ from tvsysid.numerics.hammerstein import lagged_gram
 
 ROUNDING = 1e-9  # relative singular value below which a direction of the inputs is rounding
 RIDGE = 1e-13  # share of an input's power: more than the rounding of its products
-COLLINEAR = 1e-12  # eigenvalue of products of unit columns below which a direction is rounding
+COLLINEAR = 1e-6  # singular value of unit columns below which a direction is rounding
 SLOWEST = 0.999  # size of a pole at most
 TINY = 1e-12  # relative change of the error at which the alternation ends
 ROUNDS = 1000  # of the alternation at most
@@ -50,7 +49,7 @@ class Piece(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Rows of a least-squares problem, of some pieces or some of their samples.
+    """Rows of a least-squares problem, of all pieces.
 
     ``answers`` (row, (order + 1) input) of all systems with certain poles to all inputs,
     ``signals`` (row, lag) and ``output`` (row,).
@@ -64,15 +63,6 @@ class Rows(NamedTuple):
     def response(self) -> Array:
         """Least-squares response (lag,) of the output to the signals."""
         return _least_squares(self.signals, self.output)
-
-    def within(self, samples: slice) -> Rows:
-        """Return some of the rows."""
-        return Rows(*(part[samples] for part in self))
-
-    @classmethod
-    def joined(cls, rows: Iterable[Rows]) -> Rows:
-        """Return the rows of several pieces, one after the other."""
-        return cls(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
 class Hammerstein(NamedTuple):
@@ -93,7 +83,8 @@ class Hammerstein(NamedTuple):
 
     def impulse_response(self, samples: int) -> Array:
         """Of the linear part, (lag,) from 0."""
-        return impulse_response(self.numerator, self.denominator, samples)
+        impulse = np.eye(1, samples)[0]
+        return np.asarray(scipy.signal.lfilter(self.numerator, self.denominator, impulse))
 
 
 def dynamics(pieces: Sequence[Piece], horizon: int, order: int, lagged: bool = True) -> Array:
@@ -113,15 +104,17 @@ def dynamics(pieces: Sequence[Piece], horizon: int, order: int, lagged: bool = T
     return np.real(np.poly(within))
 
 
-def rows_of(piece: Piece, denominator: Array) -> Rows:
-    """Return the rows of a piece, without the free responses of initial states."""
-    order = len(denominator) - 1
-    once = scipy.signal.lfilter([1.0], denominator, piece.inputs, axis=0)
-    delayed = [np.pad(once, ((k, 0), (0, 0)))[: len(once)] for k in range(order + 1)]
-    rows = Rows(np.concatenate(delayed, axis=1), piece.regressors(), piece.output)
-    impulses = np.eye(len(once), order)
-    responses = np.linalg.qr(scipy.signal.lfilter([1.0], denominator, impulses, axis=0))[0]
-    return Rows(*(each - responses @ (responses.T @ each) for each in rows))
+def rows_of(pieces: Iterable[Piece], denominator: Array) -> Rows:
+    """Return the rows of pieces, without the free responses of initial states."""
+    order, rows = len(denominator) - 1, []
+    for piece in pieces:
+        once = scipy.signal.lfilter([1.0], denominator, piece.inputs, axis=0)
+        delayed = [np.pad(once, ((k, 0), (0, 0)))[: len(once)] for k in range(order + 1)]
+        parts = np.concatenate(delayed, axis=1), piece.regressors(), piece.output
+        impulses = np.eye(len(once), order)
+        free = np.linalg.qr(scipy.signal.lfilter([1.0], denominator, impulses, axis=0))[0]
+        rows.append([each - free @ (free.T @ each) for each in parts])
+    return Rows(*(np.concatenate(each) for each in zip(*rows, strict=True)))
 
 
 def project(rows: Rows) -> Rows:
@@ -137,15 +130,14 @@ def project(rows: Rows) -> Rows:
     return Rows(rows.answers, signals, output)
 
 
-def weights_of(rows: Rows, order: int) -> Array:
-    """Return weights (input,) of the Hammerstein system that fits the output of the rows.
+def hammerstein(rows: Rows, denominator: Array) -> Hammerstein:
+    """Return the Hammerstein system with these poles that fits the output of the rows.
 
-    The weights have unit norm; the poles are given. Numerator and weights take turns, each by least
-    squares, from the matrix of rank one that is nearest to the coefficients of all inputs through
-    all systems, until the error does not fall any more. The first weight that is not zero is
-    positive.
+    Numerator and weights take turns, each by least squares, from the matrix of rank one that is
+    nearest to the coefficients of all inputs through all systems, until the error does not fall any
+    more. The first weight that is not zero is positive.
     """
-    basis = _basis(rows.answers)
+    basis, order = _basis(rows.answers), len(denominator) - 1
     target, answers = basis.T @ rows.output, basis.T @ rows.answers
     product = answers.reshape(len(target), order + 1, -1)
     start = _least_squares(answers, target).reshape(product.shape[1:])
@@ -159,19 +151,9 @@ def weights_of(rows: Rows, order: int) -> Array:
         before, error = error, float(np.sum((target - columns @ turned) ** 2))
         if before - error <= TINY * float(target @ target):
             break
-    return np.asarray(weights)
-
-
-def hammerstein(rows: Rows, denominator: Array, weights: Array) -> Hammerstein:
-    """Return the Hammerstein system with these poles and weights that fits the output of rows."""
-    columns = rows.answers.reshape(len(rows.output), len(denominator), -1) @ weights
+    columns = rows.answers.reshape(len(rows.output), order + 1, -1) @ weights
     numerator = _least_squares(columns, rows.output)
     return Hammerstein(weights, numerator, denominator, rows.output - columns @ numerator)
-
-
-def impulse_response(numerator: ArrayLike, denominator: Array, samples: int) -> Array:
-    """Return the impulse response (lag,) of numerator / denominator from lag 0 on."""
-    return np.asarray(scipy.signal.lfilter(numerator, denominator, np.eye(1, samples)[0]))
 
 
 def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
@@ -184,21 +166,18 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     inputs that are nearly collinear.
     """
     further = (len(pieces[0].lagged) - len(pieces[0].output)) * lagged  # samples of lagged signals
-    gram: Array = np.zeros(())
+    reach, gram = 2 * horizon + further, np.zeros(())
     for output, angle, inputs in pieces:
         signals = np.pad(np.vstack([output, inputs.T]), ((0, 0), (further, 0)))
         signals = np.vstack([signals, angle]) if lagged else signals
-        gram = gram + lagged_gram(signals[:, None], 2 * horizon + further - 1)
-    count, lags = gram.shape[:2]
-    first_past = np.full(count, horizon)
-    first_past[0] = -horizon  # the output is no input
-    first_past[-1] += further
-    late = np.arange(lags) - first_past[:, None]  # the past begins at 0
-    future = np.flatnonzero(late < 0)
-    inputs = np.concatenate([future, np.flatnonzero((late >= 0) & (late < horizon))])
-    gram = gram.reshape(count * lags, -1)
+        gram = gram + lagged_gram(signals[:, None], reach - 1)
+    late = np.arange(reach) - np.full((len(signals), 1), horizon)  # the past begins at 0
+    late[-1] -= further
+    late[0] = horizon  # the output is no input
+    future, past = np.flatnonzero(late < 0), np.flatnonzero((late >= 0) & (late < horizon))
+    inputs = np.concatenate([future, past])
+    gram = gram.reshape(late.size, -1)
     size = np.sqrt(np.diag(gram)[inputs, None])
-    size[size == 0] = 1.0
     scaled = gram[np.ix_(inputs, inputs)] / (size * size.T)
     factor = cholesky(scaled + RIDGE * np.eye(len(inputs)), lower=True)
     outputs = gram[inputs, :horizon][:, ::-1] / size
@@ -211,10 +190,6 @@ def _least_squares(columns: Array, target: Array) -> Array:
 
 def _basis(columns: Array) -> Array:
     """Return an orthonormal basis of what columns span, beyond rounding."""
-    size = np.sqrt(np.einsum("ij,ij->j", columns, columns))
-    basis = columns / np.where(size > 0, size, 1.0)
-    for _ in range(2):  # a second step, as products of nearly collinear columns are inaccurate
-        values, vectors = np.linalg.eigh(basis.T @ basis)
-        kept = values > COLLINEAR
-        basis = basis @ (vectors[:, kept] / np.sqrt(values[kept]))
-    return basis
+    unit = columns / np.linalg.norm(columns, axis=0)
+    vectors, values, _ = np.linalg.svd(unit, full_matrices=False)
+    return vectors[:, values > COLLINEAR]

@@ -7,14 +7,13 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.methods.scheduled.model import Curve, Design
 from tvsysid.numerics import Array
-from tvsysid.numerics.noise import autocovariance
+from tvsysid.numerics.noise import coloured_moments
 from tvsysid.signals import Ensemble
 
 FOLDS = 5  # stretches of consecutive time, each predicted from the others
@@ -101,12 +100,10 @@ class Regression(NamedTuple):
         """
         columns, lags = self.values[:-2], round(MAX_COLOUR_S * rate)
         residual = self.values[-2] - self.coefficients @ columns
-        half = autocovariance(residual[None], lags) * len(residual) / freedom
-        half *= (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
-        kernel = np.concatenate([half[:0:-1], half])[None]
-        coloured = scipy.signal.oaconvolve(columns, kernel, mode="same", axes=1) @ columns.T
+        taper = (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
+        coloured = coloured_moments(columns, residual, taper)
         inverse = self.inverse()
-        return np.asarray(inverse @ (coloured + coloured.T) @ inverse / 2)
+        return inverse @ coloured @ inverse * len(residual) / freedom
 
     def curves(self, covariance: Array, freedom: float = np.inf) -> dict[str, Curve]:
         """Return the curve of each quantity, from the covariance of the coefficients."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.signal import oaconvolve
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
@@ -43,7 +43,7 @@ def coloured_moments(columns: Array, noise: Array, taper: Array) -> Array:
     """
     half = autocovariance(noise[None], len(taper) - 1) * taper
     kernel = np.concatenate([half[:0:-1], half])[None]
-    coloured = oaconvolve(columns, kernel, mode="same", axes=1) @ columns.T
+    coloured = scipy.signal.oaconvolve(columns, kernel, mode="same", axes=1) @ columns.T
     return np.asarray(coloured + coloured.T) / 2
 
 

@@ -205,12 +205,6 @@ def sketched(monkeypatch):
     monkeypatch.setattr(saving, "drawn", lambda figure, format: empty[format])
 
 
-@pytest.fixture
-def few_groups(monkeypatch):
-    """What aligning does is found from fewer identifications; `test_alignment.py` has all."""
-    monkeypatch.setattr("tvsysid.study.alignment.GROUPS", 3)  # as in `study/recorded/conftest.py`
-
-
 @pytest.fixture(scope="module")
 def brief_cases():
     """Halve the joints that `check_method` simulates: as much is expected, of fewer data."""

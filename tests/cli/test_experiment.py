@@ -9,7 +9,7 @@ from tests.study.recorded.conftest import write_trials
 
 import tvsysid as tv
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_groups")]
+pytestmark = pytest.mark.slow
 
 FILES = """
 methods = ["birf", "esm"]
@@ -40,13 +40,11 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     words = "experiment --virtual 1 --perturbation prbs --method birf --realizations 20"
     code, _, err = tvsysid(f"{words} --bootstraps 3 --workers 1")
     assert code == 0
-    assert err.startswith("warning: P1-prbs: Aligning realizations to the target changes")
-    assert err.count("warning") == 1
+    assert "warning" not in err
     folder = tmp_path / "tvsysid-experiment"
     page = (folder / "report.html").read_text()
     assert "tvsysid experiment --virtual 1 --perturbation prbs --method birf" in page
-    for text in (page, (folder / "diagnosis.html").read_text()):
-        assert "Aligning realizations to the target changes the stiffness by" in text
+    assert (folder / "diagnosis.html").exists()
     excluded = pd.read_csv(folder / "exclusions.csv")
     assert len(excluded) == 300
     kept = excluded.excluded_by.isna()
@@ -57,7 +55,7 @@ def test_virtual_participants(tvsysid, tmp_path, request):
         assert results.estimate.sel(quantity="stiffness").shape == (1, 1, 3, 256)
     tables = {
         name: (folder / name).read_bytes()
-        for name in ("summary.csv", "claims.csv", "exclusions.csv", "alignment.csv")
+        for name in ("summary.csv", "claims.csv", "exclusions.csv")
     }
     for name in tables:
         (folder / name).unlink()

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("few_groups")]
+pytestmark = pytest.mark.slow
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -3,7 +3,6 @@ import subprocess
 
 import attrs
 import numpy as np
-import pandas as pd
 import pytest
 from tests.conftest import ensemble_of
 from tests.experimental import claims as experimental_claims
@@ -59,21 +58,6 @@ def page(study, tmp_path_factory):
     return path
 
 
-ALIGNED = pd.DataFrame(
-    {
-        "recording": ["P1-noise", "P1-prbs"],
-        "participant": "P1",
-        "perturbation": ["noise", "prbs"],
-        "aligned": [77.0, 95.0],
-        "unshifted": [97.0, 99.0],
-        "difference": [-20.0, -4.0],
-        "standard_error": [3.0, 4.0],
-        "percent": [-2000 / 97, -400 / 99],
-    }
-)
-"""What aligning two recordings does, notable in the first."""
-
-
 @pytest.fixture(scope="session")
 def experiment():
     """Make an experiment with a failed recording, a failed method, warnings, and remarks."""
@@ -111,7 +95,6 @@ def experiment_page(experiment, tmp_path_factory):
         figures,
         "tvsysid experiment --virtual 3 && echo",
         COUNTS,
-        ALIGNED,
     )
     return path
 

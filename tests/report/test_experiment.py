@@ -2,11 +2,10 @@ import re
 
 import pytest
 from tests.experimental import claims, exclusions_of, experiment_of, fail, results_of, summary_of
-from tests.report.conftest import ALIGNED, pictures
+from tests.report.conftest import pictures
 from tests.report.elements import Elements, section, table
 
 from tvsysid.report import problems, write_experiment_report
-from tvsysid.report.alignment import notable, sentence
 from tvsysid.report.experiment import kept, metrics, recordings
 from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
 from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures
@@ -89,20 +88,6 @@ def test_each_participant_by_itself(experiment, elements):
         assert f" {value:.2f} " in text
     assert text.count("P2") == 16
     assert "±" not in text
-
-
-def test_what_the_alignment_does_is_told_with_its_size_and_what_to_do(elements):
-    text = section(elements, "outcome")
-    assert (
-        "changes the stiffness by −12.0 ± 2.5 N·m/rad (−12 %) in the mean of 2 recordings: 86.0 "
-        "instead of" in text
-    )
-    assert "reference = false under [preparation]" in text
-    text = table(elements, "Mean stiffness over time of the realizations that were kept")
-    assert "P1-noise 77.0 97.0 −20.0 ± 3.0 −21" in text
-    assert list(notable(ALIGNED).recording) == ["P1-noise"]
-    assert list(notable(ALIGNED.assign(standard_error=11.0)).recording) == []
-    assert sentence(ALIGNED.iloc[:0]) == ""
 
 
 def test_exclusions_by_step_beside_the_papers(elements):

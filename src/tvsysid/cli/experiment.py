@@ -76,9 +76,6 @@ def experiment(
     - `exclusions.csv`: for each realization, by how much it was shifted, and which step excluded it
       and why;
 
-    - `alignment.csv`: for each recording, the stiffness with and without the shifts that align
-      realizations to the target;
-
     - `diagnosis.html`: what is wrong with each recording, how it affects the result, and what to
       do;
 

@@ -62,8 +62,6 @@ def show_study(written: Written, results: xr.Dataset, out: Path, by: str, need: 
     for label, diagnosis in written.diagnoses.items():
         if names := ", ".join(finding.name for finding in diagnosis.findings):
             remark("warning", f"{label}: {names} (diagnosis.html says what to do)")
-    if written.alignment:
-        remark("warning", written.alignment)
     return show_end(out, written.files, problems(results))
 
 

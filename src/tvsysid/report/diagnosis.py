@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from tvsysid.errors import InputError
 from tvsysid.figures import diagnosis_illustration, draw_all
@@ -16,7 +15,6 @@ def write_diagnosis(
     path: str | Path,
     diagnoses: Mapping[str, Diagnosis],
     command: str = "",
-    notes: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
 
@@ -28,8 +26,6 @@ def write_diagnosis(
         Of :func:`tvsysid.diagnose`, by the names of the ensembles.
     command
         What was typed, if it is to be mentioned.
-    notes
-        Further sentences about ensembles, by their names.
 
     Raises
     ------
@@ -45,6 +41,5 @@ def write_diagnosis(
         "diagnosis.html",
         diagnoses=diagnoses,
         pictures=pictures,
-        notes=notes,
         command=command,
     )

@@ -12,7 +12,6 @@ import numpy as np
 from tvsysid.figures import Picture
 from tvsysid.figures.results import of_quantity, unique
 from tvsysid.figures.words import perturbation_name
-from tvsysid.report import alignment
 from tvsysid.report.page import in_text, render
 from tvsysid.report.studies import best_methods, common, metric_columns, settings_of
 
@@ -45,7 +44,6 @@ def write_experiment_report(
     pictures: Mapping[str, Picture],
     command: str = "",
     reported: Reported = MappingProxyType({}),
-    aligned: pd.DataFrame | None = None,
 ) -> None:
     """Write one HTML file that holds all of an experiment's outcome and needs nothing else.
 
@@ -58,16 +56,12 @@ def write_experiment_report(
     reported
         Realizations recorded, excluded by each step, and kept, as a paper reports them, by
         perturbation; shown beside recordings of as many realizations.
-    aligned
-        What the alignment does, as of :func:`tvsysid.study.alignments`; None, or no rows, if
-        nothing was aligned.
     """
     people, bootstraps = unique(results.participant.values), results.sizes["bootstrap"]
     is_known = np.isfinite(of_quantity(results).truth.values).any(axis=1)
     virtual = len(unique(results.participant.values[is_known]))
     perturbations = unique(summary.perturbation)
     remarks = dict(zip(results.recording.values, map(str, results.remarks.values), strict=True))
-    aligned = summary.iloc[:0] if aligned is None else aligned
     render(
         path,
         "experiment.html",
@@ -80,10 +74,6 @@ def write_experiment_report(
         of_participants=metrics(summary, bootstraps, ["participant"]),
         recordings=recordings(results, exclusions, reported),
         remarks={label: text.splitlines() for label, text in remarks.items() if text},
-        aligned=aligned,
-        alignment_sentence=alignment.sentence(aligned),
-        is_notable=len(aligned) > 0 and len(alignment.notable(aligned)) > 0,
-        remedy=alignment.REMEDY,
         pictures={stem: each for stem, each in pictures.items() if stem not in DETAILS},
         details={stem: each for stem, each in pictures.items() if stem in DETAILS},
         command=command,

@@ -67,8 +67,6 @@ class Written(NamedTuple):
     """Names in the folder."""
     diagnoses: Mapping[str, Diagnosis] = MappingProxyType({})
     """Of an experiment: by recording."""
-    alignment: str = ""
-    """Of an experiment whose alignment changes the stiffness much: by how much, and what to do."""
 
 
 def write_study(

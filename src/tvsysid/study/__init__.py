@@ -7,7 +7,6 @@ from tvsysid.study.run import plan, run
 from tvsysid.study.scenarios import Study
 from tvsysid.study.scores import score
 from tvsysid.study.summary import (
-    alignments,
     by_full_name,
     exclusions,
     of_quantity,
@@ -23,7 +22,6 @@ __all__ = [
     "Prepared",
     "Recorded",
     "Study",
-    "alignments",
     "by_full_name",
     "cores",
     "exclusions",

@@ -128,5 +128,4 @@ def _preparation_of(prepared: Prepared) -> dict[str, Any]:
         "digest": prepared.digest,
         "target_torque": prepared.target_torque,
         "mean_torque": prepared.mean_torque,
-        **{f"alignment_{name}": each for name, each in prepared.alignment._asdict().items()},
     }

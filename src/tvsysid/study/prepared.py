@@ -22,7 +22,6 @@ from tvsysid.progress import Progress, no_progress
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
-from tvsysid.study.alignment import UNKNOWN, AlignmentEffect, effect_of_alignment
 from tvsysid.study.experiment import Experiment, Recorded
 
 EXCERPT_S = 10.0  # duration of the part of a recording that is drawn
@@ -56,8 +55,6 @@ class Prepared:
         Why other trials cannot be used, by file.
     warnings, failure
         Doubts, and why nothing could be prepared.
-    alignment
-        Effect of the shifts on stiffness.
     """
 
     recorded: Recorded
@@ -73,7 +70,6 @@ class Prepared:
     refused: Mapping[str, str] = attrs.field(factory=dict)
     warnings: tuple[str, ...] = ()
     failure: str = ""
-    alignment: AlignmentEffect = UNKNOWN
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -198,7 +194,6 @@ def _prepared(
         "pathways": {
             name: cores[PATHWAY + name] - cores[PATHWAY + name].mean(axis=0) for name in known
         },
-        "alignment": effect_of_alignment(preparation),
     }
     if simulation is not None:
         truth = simulation.truth_of(ensemble)

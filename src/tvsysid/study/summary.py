@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tvsysid.study.alignment import AlignmentEffect
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.scores import MAIN, OF_QUANTITY, score
 
@@ -84,21 +83,6 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
     }
     table = xr.Dataset(values).to_dataframe().reset_index().rename(columns=NAMES)
     return table[[*LABELS, "time_s", *values]]
-
-
-def alignments(results: xr.Dataset) -> pd.DataFrame:
-    """Return the change of each recording's mean stiffness by its alignment, identified by sds.
-
-    A row for each recording that was aligned: recording, participant, perturbation; aligned,
-    unshifted, difference and its standard_error in N·m/rad; percent, the difference in per cent
-    of the stiffness unshifted.
-    """
-    names = {f"alignment_{name}": name for name in AlignmentEffect._fields}
-    table = results[list(names)].to_dataframe().reset_index().rename(columns=names)
-    table["difference"] = table.aligned - table.unshifted
-    table["percent"] = 100 * table.difference / table.unshifted
-    columns = [*OF_RECORDING, "aligned", "unshifted", "difference", "standard_error", "percent"]
-    return table[columns].dropna(ignore_index=True)
 
 
 def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from tvsysid.study import Experiment, alignment, prepared_recordings, run
+from tvsysid.study import Experiment, prepared_recordings, run
 
-GROUPS = 3  # by which the effect of aligning is found; `test_alignment.py` has all ten
 SMALL = {"virtual": 1, "methods": ["birf", "esm", "kbr"], "realizations": [10, 20], "bootstraps": 4}
 READING = {"angle": "angle", "torque": "torque", "sampling_rate": 128}
 SHORT = {"reference": None, "task_limit": None, "residual_limit": None, "ends": 1.0}
@@ -18,9 +17,7 @@ RATE, PERIOD = 128, 2.0
 @pytest.fixture(scope="session")
 def small():
     experiment = Experiment(**SMALL)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(alignment, "GROUPS", GROUPS)
-        prepared = prepared_recordings(experiment)
+    prepared = prepared_recordings(experiment)
     results = run(experiment, prepared=prepared, workers=1)
     return SimpleNamespace(experiment=experiment, prepared=prepared, results=results)
 

@@ -13,8 +13,6 @@ from tvsysid.preprocess import bootstrap_weights
 from tvsysid.study import Experiment, of_quantity, run, summarize
 from tvsysid.study.bootstraps import tasks_of
 
-pytestmark = pytest.mark.usefixtures("few_groups")
-
 TIMES = ["seconds", "other_seconds"]
 
 
@@ -102,7 +100,6 @@ def test_the_same_draw_is_identified_once(tmp_path):
     assert np.isfinite(results.estimate.sel(quantity="stiffness")).all()
 
 
-@pytest.mark.usefixtures("few_groups")
 def test_the_data_and_the_draws_are_in_the_name_of_a_task(small):
     def names(prepared, **settings):
         experiment = Experiment(**{"virtual": 1, "methods": "sds", "bootstraps": 4} | settings)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tvsysid.figures import draw_all
 from tvsysid.quality import diagnose
 from tvsysid.recordings import write_ensemble
-from tvsysid.report import alignment, write_diagnosis, write_experiment_report
+from tvsysid.report import write_diagnosis, write_experiment_report
 from tvsysid.studies.claims import judge_claims
 from tvsysid.studies.published_study import Written, write_tables
 from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, COUNTS, experiment_evidence
@@ -20,7 +20,6 @@ from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
 )
 from tvsysid.study import (
     Prepared,
-    alignments,
     exclusions,
     of_quantity,
     stiffness_over_time,
@@ -28,7 +27,6 @@ from tvsysid.study import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
 
@@ -54,14 +52,10 @@ def write_experiment(
         "summary.csv": summarize(results),
         "claims.csv": judge_claims(CLAIMS, experiment_evidence(results)),
         "stiffness.csv": stiffness_over_time(results),
-        "alignment.csv": alignments(results),
         **({"exclusions.csv": excluded} if prepared else {}),
     }
     write_tables(folder, tables)
-    summary, claims, aligned = (
-        tables[f"{name}.csv"] for name in ("summary", "claims", "alignment")
-    )
-    summary, changed = of_quantity(summary), alignment.notable(aligned)
+    summary, claims = of_quantity(tables["summary.csv"]), tables["claims.csv"]
     who, excerpts, preparations, diagnoses = representative(results, summary), {}, {}, {}
     for each in prepared:
         if each.ensemble and each.excerpt and each.preparation:
@@ -74,8 +68,7 @@ def write_experiment(
     pictures = draw_all(figures | participant_figures(results), folder / "figures")
     files = ["report.html", *tables, "prepared/", f"figures/ ({len(pictures)})"]
     if diagnoses:
-        notes = {str(name): _advice(each) for name, each in changed.groupby("recording")}
-        write_diagnosis(folder / "diagnosis.html", diagnoses, command, notes)
+        write_diagnosis(folder / "diagnosis.html", diagnoses, command)
         files.insert(1, "diagnosis.html")
     write_experiment_report(
         folder / "report.html",
@@ -86,11 +79,5 @@ def write_experiment(
         {name: pictures[name] for name in figures},
         command,
         COUNTS,
-        aligned,
     )
-    told = f"{', '.join(changed.recording)}: {_advice(changed)}" if len(changed) else ""
-    return Written(summary, claims, tuple(files), diagnoses, told)
-
-
-def _advice(changed: pd.DataFrame) -> str:
-    return f"{alignment.sentence(changed)} {alignment.REMEDY}"
+    return Written(summary, claims, tuple(files), diagnoses)

@@ -2,12 +2,14 @@
 
 import subprocess
 import sys
+import warnings
 from unittest.mock import Mock
 
 import pytest
 from tests.cli.conftest import IDENTIFY
 
 from tvsysid.cli.app import app
+from tvsysid.errors import DataQualityWarning
 
 FILES = []
 IDENTIFY_JOINT = f"identify joint.mat {IDENTIFY} "
@@ -81,7 +83,7 @@ def test_errors_are_one_line(tvsysid, command, message):
     ("error", "code", "message"),
     [
         (KeyboardInterrupt(), 130, "interrupted; finished work is kept, and the same command"),
-        (MemoryError(), 2, "not enough memory; give a shorter duration"),
+        (MemoryError(), 2, "not enough memory"),
         (OSError(28, "No space left on device", "out.csv"), 2, "out.csv: No space left on device"),
     ],
 )
@@ -91,6 +93,16 @@ def test_what_ends_a_command_is_one_line(tvsysid, monkeypatch, error, code, mess
     assert found == code
     assert err.startswith(f"tvsysid: {message}")
     assert err.count("\n") == 1
+
+
+def test_a_warning_is_printed_once(tvsysid, monkeypatch):
+    def warn():
+        for text in ("9.5 % is odd", "sds: 5 lags", "9.5 % is odd"):
+            warnings.warn(text, DataQualityWarning, stacklevel=1)
+        return []
+
+    monkeypatch.setattr("tvsysid.methods.names", warn)
+    assert tvsysid("methods")[2].splitlines() == ["warning: 9.5 % is odd", "warning: sds: 5 lags"]
 
 
 def shown(*words, **settings):

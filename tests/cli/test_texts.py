@@ -2,13 +2,11 @@
 
 import math
 import os
-import warnings
 
 import pandas as pd
 import pytest
 
-from tvsysid.cli.console import output, show_table, shown_warnings
-from tvsysid.errors import DataQualityWarning
+from tvsysid.cli.console import output, show_table
 
 ANGLE, TORQUE, FILE = "[/a]\x1b[31m$x_{$\x07", "[bold]\u202etq$", "[red]$\x1b\udce9.csv"
 
@@ -48,17 +46,3 @@ def test_names_are_broken_before_numbers(monkeypatch, capsys):
     assert (title, headings.split()) == ("scores", ["method", "a"])  # nothing is known of b
     assert rows[0].endswith("-13.70")
     assert "".join(row.removesuffix("-13.70").strip() for row in rows) == record["name"]
-
-
-def test_a_warning_is_printed_once_with_all_who_gave_it(capsys):
-    with shown_warnings():
-        for text in (
-            "sds: 9.5 % is odd",
-            "esm: 9.5 % is odd",
-            "sds: 9.5 % is odd",
-            "kbr: 5 lags",
-            "what is odd: it",
-        ):
-            warnings.warn(text, DataQualityWarning, stacklevel=1)
-    told = ["sds, esm: 9.5 % is odd", "kbr: 5 lags", "what is odd: it"]
-    assert capsys.readouterr().err.splitlines() == [f"warning: {text}" for text in told]

@@ -77,10 +77,10 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
     simulation = SYSTEMS[toy].simulate(
         100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=3
     )
-    tv.recordings.write_recording(tmp_path / "ankle.mat", simulation.recording)
+    tv.recordings.write_recording(tmp_path / "ankle.nc", simulation.recording)
     experiment = tv.study.Experiment(
         folder=tmp_path,
-        participants={"P1": {"noise": "ankle.mat"}},
+        participants={"P1": {"noise": "ankle.nc"}},
         reading={"angle": "angle", "torque": "torque", "sampling_rate": 1000.0}
         | {"channels": {item.name: item.name for item in toy.inputs}},
         preparation={"reference": None, "rate": 100.0, "task_limit": None, "residual_limit": None},

@@ -48,7 +48,7 @@ def write_segdat(file, angle, torque):
     files.write_segdat(file, [angle, torque], "struct", [1, 31], [20, 30])
 
 
-OWN = ("recording.nc", "ensemble.nc", "recording.mat", "ensemble.mat")
+OWN = ("recording.nc", "ensemble.nc")
 SEEDS = {
     "version7.mat": partial(files.write_mat, do_compression=True),
     "old-object.mat": partial(write_object, age="old"),
@@ -59,7 +59,7 @@ SEEDS = {
 }
 SEEDS |= files.WRITERS | dict.fromkeys(OWN, write_own)
 MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")
-COMPRESSED = ("version7.mat", "recording.mat", "ensemble.mat", "object.mat")
+COMPRESSED = ("version7.mat", "object.mat")
 
 
 def damaged(random, content):

@@ -1,10 +1,8 @@
-import json
 from datetime import UTC, datetime
 
 import attrs
 import h5py
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
 
@@ -13,7 +11,6 @@ from tvsysid.recordings import (
     load_ensemble,
     load_recording,
     whole_file,
-    write_bids,
     write_ensemble,
     write_models,
     write_nwb,
@@ -76,13 +73,12 @@ def assert_same(one, two):
         np.testing.assert_array_equal(value, back[name], strict=isinstance(value, np.ndarray))
 
 
-# Some are names of other variables, some no names of variables in MATLAB.
+# Some are names of other variables, some no plain words.
 CHANNELS = ["emg", "Time", "trial_starts", "sv.Ankle (rad)", "", "µ/°", "a" * 80, "a" * 81]
 
 
-@pytest.mark.parametrize("ending", [".nc", ".mat"])
 @pytest.mark.parametrize("count", [1, 3])
-def test_signals_are_read_back_unchanged(tmp_path, random, ending, count):
+def test_signals_are_read_back_unchanged(tmp_path, random, count):
     def signals(kind, *shape, **settings):
         angle, torque, *channels = random.normal(size=(10, *shape))
         shared = {"recorded_angle": random.normal(size=(*shape, count)), "delay_removed": 1e-3}
@@ -90,19 +86,18 @@ def test_signals_are_read_back_unchanged(tmp_path, random, ending, count):
         return kind(angle, torque, 1e3 / 3, origin=-0.1, **shared, **settings)
 
     recording = signals(tv.Recording, 12, start=-1.5, trial_starts=(0, 4, 5)[:count])
-    write_recording(tmp_path / f"recording{ending}", recording)
-    assert_same(load_recording(tmp_path / f"recording{ending}"), recording)
+    write_recording(tmp_path / "recording.nc", recording)
+    assert_same(load_recording(tmp_path / "recording.nc"), recording)
     placed = {"onsets": random.normal(size=count), "trials": np.arange(count) + 2**31}
     cut = {"context": 2, "left_out": 3, "mean_subtracted": True}
     ensemble = signals(tv.Ensemble, count, 12, **placed, **cut)
-    write_ensemble(tmp_path / f"ensemble{ending}", ensemble)
-    assert_same(load_ensemble(tmp_path / f"ensemble{ending}"), ensemble)
+    write_ensemble(tmp_path / "ensemble.nc", ensemble)
+    assert_same(load_ensemble(tmp_path / "ensemble.nc"), ensemble)
 
 
-@pytest.mark.parametrize("ending", [".nc", ".mat"])
-def test_a_written_recording_is_a_file_like_others(tmp_path, random, ending):
+def test_a_written_recording_is_a_file_like_others(tmp_path, random):
     angle, torque, emg = random.normal(scale=0.1, size=(3, 100))
-    file = tmp_path / f"ankle{ending}"
+    file = tmp_path / "ankle.nc"
     write_recording(file, tv.Recording(angle, torque, 100.0, channels={"emg": emg}))
     names = {"angle": "angle", "torque": "torque", "channels": {"emg": "emg"}}
     with pytest.warns(tv.DataQualityWarning, match="states 100 Hz, you gave 50 Hz"):
@@ -143,24 +138,3 @@ def test_what_nwb_cannot_hold_is_refused(tmp_path, random, change, name, message
     with pytest.raises(tv.InputError, match=message):
         write_nwb(tmp_path / name, recording, START)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_bids_derivative_describes_its_columns(tmp_path):
-    columns = {"time_s": [0.0], "method": "sds", "stiffness": 80.0, "stiffness_lower": np.nan}
-    table = pd.DataFrame(columns | {"own": 1.0})
-    file = write_bids(tmp_path, "raw/sub-01_ses-2_task-a_tracksys-r_motion.tsv", table)
-    name = "sub-01_ses-2_task-a_tracksys-r_desc-stiffness_timeseries.tsv"
-    assert file == tmp_path / "sub-01/ses-2/motion" / name
-    pd.testing.assert_frame_equal(pd.read_csv(file, sep="\t"), table, check_dtype=False)
-    described = json.loads(file.with_suffix(".json").read_text(encoding="utf-8"))
-    assert described.pop("Sources") == ["sub-01_ses-2_task-a_tracksys-r_motion.tsv"]
-    assert described["stiffness"] == {"Description": "Stiffness", "Units": "N m/rad"}
-    assert described["stiffness_lower"]["Description"].endswith("lower limit of its 95 % band")
-    assert {*described} == {*table.columns}
-    about = tmp_path / "dataset_description.json"
-    assert json.loads(about.read_text())["DatasetType"] == "derivative"
-    about.write_text("{}")  # the user's own
-    write_bids(tmp_path, "sub-02_task-a_motion.tsv", table)
-    assert about.read_text() == "{}"
-    with pytest.raises(tv.InputError, match=r"ankle\.csv: not the name of a BIDS file"):
-        write_bids(tmp_path, "ankle.csv", table)

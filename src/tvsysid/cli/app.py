@@ -2,37 +2,25 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
+import warnings
 from importlib import import_module
 from io import TextIOWrapper
 
 from cyclopts import App, CycloptsError, Parameter, default_name_transform
 
 from tvsysid import __version__
-from tvsysid.cli.console import errors, output
+from tvsysid.cli.console import errors, output, remark
 from tvsysid.cli.options import NAMES
-from tvsysid.errors import InputError, one_line
+from tvsysid.errors import DataQualityWarning, InputError
 
 COMMANDS = (
     *("benchmark", "leaderboard", "experiment", "report", "identify", "explore", "inspect"),
     *("methods", "check_method", "simulate", "plan"),
 )
 INTERRUPTED = "interrupted; finished work is kept, and the same command resumes a study"
-NO_MEMORY = "not enough memory; give a shorter duration, fewer trials or a lower rate"
-
-
-def default_text(value: object) -> str | None:
-    """Return a default value as it is typed; None for one that need not be shown."""
-    text = ", ".join(value) if isinstance(value, list) else str(value)
-    return text if value and value is not True else None
-
-
-def option_name(name: str) -> str:
-    """Return the name of the option for a parameter or a setting."""
-    return NAMES.get(name) or default_name_transform(name)
 
 
 app = App(
@@ -45,10 +33,10 @@ app = App(
     console=output,
     error_console=errors,
     default_parameter=Parameter(
-        name_transform=option_name,
+        name_transform=lambda name: NAMES.get(name) or default_name_transform(name),
         negative_iterable=(),
         allow_repeating=True,  # the last one counts
-        show_default=default_text,
+        show_default=lambda value: str(value) if value else None,
     ),
     suppress_keyboard_interrupt=False,
     result_action="return_value",
@@ -66,9 +54,10 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack ± and ·
     # Methods use one thread of BLAS. To start and stop the others takes a tenth of the time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(100_000)  # the libraries' many objects are never garbage
+    warnings.simplefilter("once", DataQualityWarning)
+    warnings.showwarning = lambda message, *_: remark("warning", str(message))
+    sys.path.append(os.getcwd())  # for methods of one's own; last, so that it hides no module
     try:
-        sys.path.append(os.getcwd())  # for methods of one's own; last, so that it hides no module
         sys.exit(app(sys.argv[1:], print_error=False, exit_on_error=False) or 0)
     except KeyboardInterrupt:
         code, text = 130, INTERRUPTED
@@ -80,6 +69,6 @@ def main() -> None:
     except OSError as error:
         code, text = 2, f"{error.filename or 'system'}: {error.strerror or error}"
     except (InputError, MemoryError) as error:
-        code, text = 2, str(error) or NO_MEMORY
-    errors.print(f"tvsysid: {one_line(text)}", soft_wrap=True)
+        code, text = 2, str(error) or "not enough memory"
+    remark("tvsysid", text)
     sys.exit(code)

@@ -1,10 +1,8 @@
-"""Print text, remarks, tables, warnings and progress."""
+"""Print text, remarks, tables and progress."""
 
 from __future__ import annotations
 
 import math
-import re
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,14 +14,12 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from tvsysid.errors import DataQualityWarning, by_text, one_line, printable
+from tvsysid.errors import one_line, printable
 from tvsysid.progress import Progress
 
 # Nothing is markup: names and messages come from users and files.
 output = Console(markup=False, emoji=False, highlight=False)
 errors = Console(markup=False, emoji=False, highlight=False, stderr=True)
-
-METHOD_AND_TEXT = re.compile(r"(?:(\S+): )?(.*)", re.DOTALL)
 
 
 def say(text: str, style: str = "") -> None:
@@ -36,17 +32,14 @@ def say_written(out: Path, names: Iterable[str]) -> None:
     say(f"wrote {', '.join(names)} to {out}/")
 
 
-def remark(kind: Literal["note", "warning", "error"], text: str) -> None:
+def remark(kind: Literal["note", "warning", "error", "tvsysid"], text: str) -> None:
     """Print a line on standard error."""
-    style = "red" if kind == "error" else "yellow"
+    style = "yellow" if kind in ("note", "warning") else "red"
     errors.print(Text.assemble((f"{kind}:", style), f" {one_line(text)}"), soft_wrap=True)
 
 
 def show_table(
-    title: str,
-    records: Sequence[Mapping[Any, object]],
-    columns: Mapping[str, str],
-    spaced: bool = False,
+    title: str, records: Sequence[Mapping[Any, object]], columns: Mapping[str, str]
 ) -> None:
     """Print a table, if it has rows.
 
@@ -59,16 +52,8 @@ def show_table(
     columns
         Name of the values by heading. A format may follow: ``"mean:.1f"``. Values with a format
         are aligned right and never broken; others are folded. A column without values is left out.
-    spaced
-        Whether to separate rows by empty lines.
     """
-    table = Table(
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        show_lines=spaced,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0), pad_edge=False)
     cells = []
     for heading, column in columns.items():
         name, _, form = column.partition(":")
@@ -106,17 +91,3 @@ def shown_progress(title: str) -> Iterator[Progress]:
 
     with bar:
         yield advance
-
-
-@contextmanager
-def shown_warnings() -> Iterator[None]:
-    """Print the package's warnings when the block ends, each once with the methods that gave it."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DataQualityWarning)
-        try:
-            yield
-        finally:
-            # A warning begins with the method that gave it, if any.
-            parts = (METHOD_AND_TEXT.findall(str(each.message))[0] for each in caught)
-            for text, methods in by_text(parts).items():
-                remark("warning", ": ".join(filter(None, [", ".join(methods), text])))

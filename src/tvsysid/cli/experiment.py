@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import attrs
 
-from tvsysid.cli.console import errors, remark, shown_progress, shown_warnings
+from tvsysid.cli.console import errors, remark, shown_progress
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_study
 from tvsysid.cli.running import command_line, run_study, show_plan
@@ -118,8 +118,7 @@ def experiment(
         raise InputError("no recording can be used; correct the errors above")
     if dry_run:
         return show_plan(study, workers, f"{study.bootstraps} draws, seed {study.seed}", prepared)
-    with shown_warnings():
-        results = run_study(study, out, workers, prepared=prepared)
+    results = run_study(study, out, workers, prepared=prepared)
     return write(results, prepared, out, command_line())
 
 

@@ -16,7 +16,6 @@ from tvsysid.cli.console import (
     say_written,
     show_table,
     shown_progress,
-    shown_warnings,
 )
 from tvsysid.cli.options import (
     SLOW_RATE,
@@ -183,28 +182,27 @@ def identify(
         reading = attrs.evolve(reading, channels=channels)
         method = method or SCHEDULED_METHODS
     method = method or []
-    with shown_warnings():
-        recording = read_recording(file, reading)
-        if scheduling is None and segmentation.period is None:
-            raise InputError(NO_PERIOD)
-        out.mkdir(parents=True, exist_ok=True)
-        rate = recording.sampling_rate
-        if segmentation.decimate is None and rate > SLOW_RATE:
-            remark("note", f"at {rate:g} Hz this takes minutes; seconds with {rate_options(rate)}")
-        prepared = prepare_recording(
-            recording,
-            segmentation,
-            centered_channels(map(parse, expand(method))),
-            align_channels=align_channels,
-            remove_mains=remove_mains,
-            jobs=-1,
-        )
-        for note in prepared.notes:
-            say(note)
-        say(f"{file.name}: {prepared.ensemble!r}")
-        with shown_progress("identifying") as advance:
-            found = compare(prepared.ensemble, method, tune=tune, progress=advance)
-            found = attrs.evolve(found, diagnosis=prepared.diagnosis)
+    recording = read_recording(file, reading)
+    if scheduling is None and segmentation.period is None:
+        raise InputError(NO_PERIOD)
+    out.mkdir(parents=True, exist_ok=True)
+    rate = recording.sampling_rate
+    if segmentation.decimate is None and rate > SLOW_RATE:
+        remark("note", f"at {rate:g} Hz this takes minutes; seconds with {rate_options(rate)}")
+    prepared = prepare_recording(
+        recording,
+        segmentation,
+        centered_channels(map(parse, expand(method))),
+        align_channels=align_channels,
+        remove_mains=remove_mains,
+        jobs=-1,
+    )
+    for note in prepared.notes:
+        say(note)
+    say(f"{file.name}: {prepared.ensemble!r}")
+    with shown_progress("identifying") as advance:
+        found = compare(prepared.ensemble, method, tune=tune, progress=advance)
+        found = attrs.evolve(found, diagnosis=prepared.diagnosis)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
@@ -229,7 +227,7 @@ def _account(
     from tvsysid.quality import diagnose
     from tvsysid.report import Account
 
-    with shown_warnings(), shown_progress("predicting held-out realizations") as advance:
+    with shown_progress("predicting held-out realizations") as advance:
         held_out = found.held_out_vaf(jobs=-1, progress=advance)
     sign = ", sign reversed" if reading.torque_sign == -1 else ""
     source = {

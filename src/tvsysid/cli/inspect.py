@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import attrs
 
-from tvsysid.cli.console import errors, remark, say, show_table, shown_warnings
+from tvsysid.cli.console import errors, remark, say, show_table
 from tvsysid.cli.options import Flag, ReadingOptions, SegmentationOptions, rate_options
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
@@ -107,15 +107,14 @@ def _show_diagnosis(
     repeats = segmentation.period is not None
     if not repeats:
         remark("note", "no --period: the record is diagnosed in pieces, not taken to repeat")
-    with shown_warnings():
-        recording = read_recording(file, reading)
-        prepared = prepare_recording(
-            recording,
-            attrs.evolve(segmentation, decimate=None),
-            () if reference is None else [reference],
-            align_channels=False,
-            remove_mains=False,
-        )
+    recording = read_recording(file, reading)
+    prepared = prepare_recording(
+        recording,
+        attrs.evolve(segmentation, decimate=None),
+        () if reference is None else [reference],
+        align_channels=False,
+        remove_mains=False,
+    )
     ensemble = prepared.diagnosed
     with errors.status("diagnosing"):
         diagnosis = diagnose(ensemble, reference, repeats=repeats, recording=recording)

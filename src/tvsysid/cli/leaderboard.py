@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tvsysid.cli.console import errors, show_table, shown_warnings
+from tvsysid.cli.console import errors, show_table
 from tvsysid.cli.options import Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_end
 from tvsysid.cli.running import run_study
@@ -55,8 +55,7 @@ def leaderboard(
     from tvsysid.report import problems
     from tvsysid.studies.leaderboard import FILES, study_of, write_leaderboard
 
-    with shown_warnings():
-        study = study_of(method or (), scenario or (), **given(trials=trials, seed=seed))
+    study = study_of(method or (), scenario or (), **given(trials=trials, seed=seed))
     results = run_study(study, out, workers)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)

@@ -24,10 +24,10 @@ def methods() -> None:
                 "settings": ", ".join(method.settings).replace(" = ", "="),
             }
             lines = [f"{name}: {text}" for name, text in details.items() if text]
-            group, about = f"For {method.purpose}", [method.title, *lines]
+            group, about = f"For {method.purpose}", [method.title, *lines, ""]
         groups.setdefault(group, []).append({"key": key, "about": "\n".join(about)})
     for title, records in groups.items():
-        show_table(title, records, {"key": "key", "method": "about"}, spaced=True)
+        show_table(title, records, {"key": "key", "method": "about"})
     say(
         "Beside realizations of angle and torque. Durations are in s, frequencies in Hz. Settings "
         "follow the key: sds:window=0.2,max_lag=0.1\nkbr also takes preset=simulation (the "

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tvsysid.cli.console import say, say_written, show_table, shown_progress, shown_warnings
+from tvsysid.cli.console import say, say_written, show_table, shown_progress
 from tvsysid.cli.options import Methods, ReadingOptions, SegmentationOptions, given
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
@@ -123,12 +123,11 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Pilot:
     from tvsysid.planning import Pilot
     from tvsysid.recordings import read_recording
 
-    with shown_warnings():
-        recording = read_recording(file, reading)
-        if segmentation.decimate is not None:
-            recording = preprocess.decimate(recording, segmentation.decimate)
-        cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
-        pilot = Pilot.of(preprocess.subtract_mean(cut))
+    recording = read_recording(file, reading)
+    if segmentation.decimate is not None:
+        recording = preprocess.decimate(recording, segmentation.decimate)
+    cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
+    pilot = Pilot.of(preprocess.subtract_mean(cut))
     say(f"pilot: {pilot.described()}")
     return pilot
 

@@ -30,13 +30,13 @@ def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: 
     """
     from tvsysid.study import run
 
+    inputs["workers"] = workers.workers
+    if workers.scheduler is not None:
+        client = _dask_client(workers.scheduler)
+        inputs["executor"] = client.get_executor(pure=False)
+        inputs["workers"] = workers.workers or sum(client.nthreads().values())
     with shown_progress("running") as advance:
-        if workers.scheduler is None:
-            return run(study, out, workers=workers.workers, progress=advance, **inputs)
-        with _dask_client(workers.scheduler) as client:
-            inputs["executor"] = client.get_executor(pure=False)
-            count = workers.workers or sum(client.nthreads().values())
-            return run(study, out, workers=count, progress=advance, **inputs)
+        return run(study, out, progress=advance, **inputs)
 
 
 def show_plan(
@@ -46,16 +46,14 @@ def show_plan(
 
     ``draws`` says what is drawn, ``prepared`` are the recordings of an experiment.
     """
-    from tvsysid.figures.words import count
     from tvsysid.study import cores, plan
 
     with errors.status("timing a draw of each case"):
         expected = plan(study, prepared)
-    number = workers.workers or cores()
+    minutes = expected.work_s / (workers.workers or cores()) / 60
     say(
         f"methods: {', '.join(study.named_methods)}\n{draws}: {expected.identifications:,} "
-        f"identifications\nabout {expected.work_s / number / 60:,.1f} min with "
-        f"{count(number, 'worker')}, beside the start and the figures, and "
+        f"identifications\nabout {minutes:,.1f} min, beside the start and the figures, and "
         f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
     )
     for label, reason in expected.failures.items():

@@ -1,26 +1,18 @@
-"""Write recordings as NWB, and estimates as tables of BIDS derivatives."""
+"""Write recordings as NWB."""
 
 from __future__ import annotations
 
-import json
-import re
 import uuid
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
-from tvsysid import __version__
-from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
-from tvsysid.recordings.write import checked, whole_file, write_table
+from tvsysid.recordings.write import checked, whole_file
 from tvsysid.signals import Recording
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-NWB_VERSION, BIDS_VERSION = "2.7.0", "1.10.0"
+NWB_VERSION = "2.7.0"
 GROUPS = (
     "acquisition",
     "analysis",
@@ -29,13 +21,6 @@ GROUPS = (
     "stimulus/presentation",
     "stimulus/templates",
 )
-COLUMN_UNITS = {**UNITS, "time_s": "s", "time_varying_vaf": "%"}
-DATASET = {
-    "Name": "Joint impedance identified by tvsysid",
-    "BIDSVersion": BIDS_VERSION,
-    "DatasetType": "derivative",
-    "GeneratedBy": [{"Name": "tvsysid", "Version": __version__}],
-}
 
 
 def write_nwb(
@@ -110,72 +95,3 @@ def write_nwb(
             data.attrs["unit"] = units.get(name, "unknown")
             start = series.create_dataset("starting_time", data=float(recording.start))
             start.attrs.update({"rate": float(recording.sampling_rate), "unit": "seconds"})
-
-
-def write_bids(folder: str | Path, source: str | Path, table: pd.DataFrame) -> Path:
-    """Write estimates over time as a table of a BIDS derivative, with a description beside it.
-
-    Returns the table.
-
-    The derivative's ``dataset_description.json`` is written if there is none.
-
-    Parameters
-    ----------
-    folder
-        The derivative, such as ``derivatives/tvsysid``.
-    source
-        File that was identified, with a BIDS name: ``sub-01_task-ankle_…_motion.tsv`` becomes
-        ``sub-01/motion/sub-01_task-ankle_…_desc-stiffness_timeseries.tsv``.
-    table
-        Estimates over time, as ``tv.compare(...).over_time()`` returns them.
-
-    Raises
-    ------
-    InputError
-        If the source's name has no participant (``sub-…``).
-
-    Examples
-    --------
-    >>> import pandas as pd, tempfile
-    >>> table = pd.DataFrame({"time_s": [0.0, 0.01], "method": "sds", "stiffness": [80.0, None]})
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = write_bids(folder, "sub-01_task-ankle_tracksys-robot_motion.tsv", table)
-    ...     print(file.relative_to(folder).as_posix())
-    ...     print(file.read_text())
-    sub-01/motion/sub-01_task-ankle_tracksys-robot_desc-stiffness_timeseries.tsv
-    time_s method  stiffness
-    0      sds     80
-    0.01   sds     n/a
-    <BLANKLINE>
-    """
-    name = Path(source).name
-    words = name.split("_")
-    if not re.fullmatch(r"sub-[A-Za-z0-9]+", words[0]) or len(words) < 2:
-        raise InputError(
-            f"{name}: not the name of a BIDS file; expected one such as "
-            "sub-01_task-ankle_motion.tsv"
-        )
-    above = [word for word in words[:2] if word.startswith(("sub-", "ses-"))]
-    stem = "_".join([*words[:-1], "desc-stiffness_timeseries.tsv"])
-    file = Path(folder).joinpath(*above, "motion", stem)
-    meanings = {column: _meaning(column) for column in table.columns}
-    _write_json(file.with_suffix(".json"), {"Sources": [name], **meanings})
-    write_table(file, table, missing="n/a")
-    described = Path(folder) / "dataset_description.json"
-    if not described.exists():
-        _write_json(described, DATASET)
-    return file
-
-
-def _meaning(column: str) -> dict[str, str]:
-    """Return the description and the unit of a column."""
-    quantity = column.removesuffix("_lower").removesuffix("_upper")
-    limit = "" if quantity == column else f", {column[-5:]} limit of its 95 % band"
-    unit = {"Units": COLUMN_UNITS[quantity]} if quantity in COLUMN_UNITS else {}
-    return {"Description": f"{quantity.replace('_', ' ').capitalize()}{limit}", **unit}
-
-
-def _write_json(file: Path, content: Mapping[str, object]) -> None:
-    with whole_file(file) as temporary:
-        text = json.dumps(content, indent=2, ensure_ascii=False)
-        temporary.write_text(f"{text}\n", encoding="utf-8")

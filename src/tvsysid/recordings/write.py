@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,7 +15,6 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.dataset_layout import Variables, layout
 from tvsysid.errors import InputError, printable
 from tvsysid.models import Model
 from tvsysid.recordings.channel import explained
@@ -26,14 +24,10 @@ from tvsysid.signals import Ensemble, Recording
 if TYPE_CHECKING:
     import pandas as pd
 
-VARIABLE = re.compile(r"[a-z](\w{,29}[^\W_])?", re.ASCII | re.IGNORECASE)  # of a MAT file
 UNITS = {"angle": {"units": "rad"}, "torque": {"units": "N m"}}
 RESERVED = {"time", "realization", "trial", "sample", "tvsysid"}
 RESERVED |= {name for kind in (Recording, Ensemble) for name in attrs.fields_dict(kind)}
 
-NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10d}"
-
-Group = tuple[Variables, Mapping[str, Any]]  # of a NetCDF file, with its attributes
 Written = TypeVar("Written", Recording, Ensemble)
 
 
@@ -67,22 +61,28 @@ def write_simulation(
     """
     file = checked(path, ".mat", ".csv", ".tsv")
     if file.suffix.lower() == ".mat":
-        _save_mat(file, {**columns, "sampling_rate": sampling_rate})
+        from scipy.io.matlab import savemat  # noqa: PLC0415  # heavy
+
+        stream = BytesIO()
+        savemat(
+            stream,
+            {**columns, "sampling_rate": sampling_rate},
+            do_compression=True,
+            oned_as="column",
+        )
+        _save(file, stream.getbuffer())
         return
     import pandas as pd  # noqa: PLC0415  # heavy
 
     write_table(file, pd.DataFrame(columns), digits=9)
 
 
-def write_table(path: str | Path, table: pd.DataFrame, digits: int = 6, missing: str = "") -> None:
-    """Write a table to a CSV or TSV file, with ``digits`` significant digits.
-
-    ``missing`` is written for NaN.
-    """
+def write_table(path: str | Path, table: pd.DataFrame, digits: int = 6) -> None:
+    """Write a table to a CSV or TSV file, with ``digits`` significant digits."""
     file = checked(path, ".csv", ".tsv")
     separator, form = "," if file.suffix.lower() == ".csv" else "\t", f"%.{digits}g"
     with whole_file(file) as temporary:
-        table.to_csv(temporary, sep=separator, index=False, float_format=form, na_rep=missing)
+        table.to_csv(temporary, sep=separator, index=False, float_format=form)
 
 
 def write_models(
@@ -123,66 +123,32 @@ def write_models(
     >>> dict(tree["birf"].torque_intrinsic.sizes)
     {'realization': 20, 'time': 200}
     """
+    import xarray as xr  # noqa: PLC0415  # heavy
+
     texts = {name: printable(value) for name, value in about.items() if isinstance(value, str)}
-    groups: dict[str, Group] = {"/": ({}, {**about, **texts})}
+    groups = {"/": xr.Dataset(attrs={**about, **texts})}
     for name, model in models.items():
-        variables, coordinates, attributes = layout(model, ensemble)
-        plain: Variables = {}
-        for each, (axes, values, units) in {**coordinates, **variables}.items():
-            is_complex = np.iscomplexobj(values)
-            parts = {"_real": values.real, "_imag": values.imag} if is_complex else {"": values}
-            plain |= {f"{each}{end}": (axes, part, units) for end, part in parts.items()}
-        groups[name] = plain, attributes
-    _save_netcdf(path, groups)
+        dataset = model.to_xarray(ensemble)
+        for each, values in dataset.items():
+            if np.iscomplexobj(values):
+                dataset[f"{each}_real"], dataset[f"{each}_imag"] = values.real, values.imag
+                dataset = dataset.drop_vars([each])
+        groups[name] = dataset
+    _save(path, xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf"))
 
 
-def _save_netcdf(path: str | Path, groups: Mapping[str, Group]) -> None:
-    """Write a NetCDF file: HDF5 whose dimensions are scales, which variables are attached to.
-
-    It is made in memory, because HDF5 crashes where a disk is full.
-    """
-    import h5py  # noqa: PLC0415  # heavy; h5netcdf takes four times as long to write
-
-    stream = BytesIO()
-    with h5py.File(stream, "w", track_order=True) as root:
-        for name, (variables, attributes) in groups.items():
-            group = root if name == "/" else root.create_group(name, track_order=True)
-            group.attrs.update(attributes)
-            sizes: dict[str, int] = {}
-            for each, (axes, values, units) in variables.items():
-                kind = h5py.string_dtype() if values.dtype.kind == "U" else values.dtype
-                group.create_dataset(each, data=values.astype(kind)).attrs.update(units)
-                sizes |= dict(zip(axes, values.shape, strict=True))
-            for axis, size in sizes.items():
-                if axis not in variables:
-                    group.create_dataset(axis, (size,), ">f4")
-                group[axis].make_scale(axis if axis in variables else NO_VARIABLE.format(size))
-            for each, (axes, *_) in variables.items():
-                for place, axis in enumerate(axes):
-                    if axis != each:
-                        group[each].dims[place].attach_scale(group[axis])
-    _save(path, stream)
-
-
-def _save_mat(path: str | Path, content: Mapping[str, object]) -> None:
-    from scipy.io.matlab import savemat  # noqa: PLC0415  # heavy
-
-    stream = BytesIO()
-    savemat(stream, dict(content), do_compression=True, oned_as="column")
-    _save(path, stream)
-
-
-def _save(path: str | Path, stream: BytesIO) -> None:
+def _save(path: str | Path, content: bytes | memoryview) -> None:
+    """Write a file that was made in memory, because HDF5 crashes where a disk is full."""
     with whole_file(path) as temporary:
-        temporary.write_bytes(stream.getvalue())
+        temporary.write_bytes(content)
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
-    """Write a recording to a NetCDF or a MAT file; :func:`load_recording` reads it back unchanged.
+    """Write a recording to a NetCDF file; :func:`load_recording` reads it back unchanged.
 
     Any program reads the file: angle (rad), torque (N·m) and further channels are variables of
-    their own names, as far as the format allows. An InputError is raised for an ending that is not
-    .nc or .mat.
+    their own names, if these are plain words. An InputError is raised for an ending that is not
+    .nc.
 
     Examples
     --------
@@ -205,7 +171,7 @@ def load_recording(path: str | Path) -> Recording:
 
 
 def write_ensemble(path: str | Path, ensemble: Ensemble) -> None:
-    """Write an ensemble to a NetCDF or a MAT file; :func:`load_ensemble` reads it back unchanged.
+    """Write an ensemble to a NetCDF file; :func:`load_ensemble` reads it back unchanged.
 
     Its signals become matrices of realization x time, context and all; otherwise as
     :func:`write_recording`.
@@ -220,35 +186,33 @@ def load_ensemble(path: str | Path) -> Ensemble:
 
 def _write(path: str | Path, signals: Recording | Ensemble) -> None:
     """Write arrays as variables, and the other fields as text in JSON."""
-    file, names = checked(path, ".nc", ".mat"), _variables(signals.channels)
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    file, names = checked(path, ".nc"), _variables(signals.channels)
     settings = attrs.asdict(signals, recurse=False)
     arrays = {names[own]: each for own, each in settings.pop("channels").items()}
     for name in [name for name, each in settings.items() if isinstance(each, np.ndarray)]:
         arrays[name] = settings.pop(name)
-    shapes = {name: each.shape for name, each in arrays.items()}  # MATLAB has two axes or more
-    kept = {"settings": settings, "channels": names, "shapes": shapes}
-    text = json.dumps({type(signals).__name__: kept}, default=lambda number: number.item())
-    about = {"tvsysid": text, "sampling_rate": signals.sampling_rate}
-    if file.suffix.lower() == ".mat":
-        _save_mat(file, {**arrays, **about})
-        return
     axes = (*signals.AXES, "sample")
     variables = {
         name: (axes[: each.ndim], each, UNITS.get(name, {})) for name, each in arrays.items()
     }
-    _save_netcdf(file, {"/": (variables, about)})
+    kept = {"settings": settings, "channels": names, "variables": [*arrays]}
+    text = json.dumps({type(signals).__name__: kept}, default=lambda number: number.item())
+    about = {"tvsysid": text, "sampling_rate": signals.sampling_rate}
+    _save(file, xr.Dataset(variables, attrs=about).to_netcdf(engine="h5netcdf"))
 
 
 def _load(path: str | Path, kind: type[Written]) -> Written:
-    file, name = checked(path, ".nc", ".mat"), kind.__name__
+    file, name = checked(path, ".nc"), kind.__name__
     with explained(str(file)):
         found = run_isolated(_contents, file.absolute())
-        kept = json.loads(np.ravel(found.get("tvsysid", "{}"))[0]).get(name)
+        kept = json.loads(found.get("tvsysid", "{}")).get(name)
         if kept is None:
             raise InputError(
                 f"not written by write_{name.lower()}; what others wrote is read by read_recording"
             )
-        arrays = {key: np.reshape(found[key], shape) for key, shape in kept["shapes"].items()}
+        arrays = {key: found[key] for key in kept["variables"]}
         channels = {own: arrays.pop(variable) for own, variable in kept["channels"].items()}
         fields: dict[str, Any] = {**kept["settings"], **arrays}
         if kind is Recording:
@@ -258,10 +222,6 @@ def _load(path: str | Path, kind: type[Written]) -> Written:
 
 def _contents(file: Path) -> dict[str, Any]:
     """Return variables and attributes of a file that this package wrote."""
-    if file.suffix.lower() == ".mat":
-        from scipy.io.matlab import loadmat  # noqa: PLC0415  # heavy
-
-        return dict(loadmat(file))
     import h5py  # noqa: PLC0415  # heavy
 
     from tvsysid.recordings.hdf5 import check_whole  # noqa: PLC0415
@@ -282,7 +242,7 @@ def checked(path: str | Path, *endings: str) -> Path:
 
 
 def _variables(names: Iterable[str]) -> dict[str, str]:
-    """Return the name of each channel's variable: its own where MATLAB allows it, or a number.
+    """Return the name of each channel's variable: its own if it is a plain word, or a number.
 
     Examples
     --------
@@ -290,6 +250,8 @@ def _variables(names: Iterable[str]) -> dict[str, str]:
     {'emg': 'emg', 'sv.Ankle (rad)': 'channel_2_', 'angle': 'channel_3_'}
     """
     return {
-        name: name if VARIABLE.fullmatch(name) and name not in RESERVED else f"channel_{number}_"
+        name: name
+        if name.isascii() and name.isidentifier() and name not in RESERVED
+        else f"channel_{number}_"
         for number, name in enumerate(names, start=1)
     }

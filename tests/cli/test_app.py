@@ -69,6 +69,9 @@ def test_without_a_command_the_help_is_shown(tvsysid):
         ("benchmrk", 'Did you mean "benchmark"?'),
         ("benchmark --trails 3", "Unknown option: --trails. Did you mean --trials?"),
         ("report nowhere", "nowhere"),
+        ("plan --pilot pilot.mat", "pilot.mat: no such file"),
+        ("plan --pilot pilot.mat --noise 1", "the pilot shows system, stiffness and noise; leave"),
+        ("plan --rate 100", "options that describe a recording (such as --angle and --rate) need"),
     ],
 )
 def test_errors_are_one_line(tvsysid, command, message):

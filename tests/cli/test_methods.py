@@ -63,12 +63,3 @@ def test_check_method_says_what_is_wrong(tvsysid, tmp_path):
     assert (code, err) == (1, "")
     assert "✗ identifies a joint: Constant: fit returned an object of type float64; " in out
     assert out.endswith("\nown_for_cli:Constant does not pass\n")
-
-
-@pytest.mark.slow
-def test_check_method_passes_the_packages_own(tvsysid):
-    name = "esm:window=0.4"
-    code, out, err = tvsysid(f"check-method {name}")
-    assert (code, err) == (0, "")
-    assert out.count("✓") == 11
-    assert f"{name} passes; use it: tvsysid benchmark --method {name}\n" in out

@@ -1,6 +1,5 @@
 """`tvsysid plan`."""
 
-import pytest
 from scipy.io import savemat
 from tests.conftest import ensemble_of
 
@@ -27,23 +26,3 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     table = (tmp_path / "planned" / "plan.csv").read_text(encoding="utf-8").splitlines()
     assert table[0].startswith("setup,method,realizations,minutes")
     assert len(table) == 3
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("--pilot pilot.mat", "pilot.mat: no such file"),
-        (
-            "--pilot pilot.mat --noise 1",
-            "the pilot shows system, stiffness and noise; leave out",
-        ),
-        (
-            "--rate 100 --context 1",
-            "options that describe a recording (such as --angle and --rate) need --pilot FILE",
-        ),
-    ],
-)
-def test_mistakes(tvsysid, options, message):
-    code, _, errors = tvsysid(f"plan {options}")
-    assert code == 2
-    assert message in errors

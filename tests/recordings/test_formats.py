@@ -158,9 +158,14 @@ def test_names_that_occur_twice_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["pos;tq;n\n0,5;-1;1\n1,25;2;2\n", "pos;tq;n\n0.5;-1;1\n1.25;2;2\n"]
+    "text",
+    [
+        "pos,tq,n\n0.5,-1,1\n1.25,2,2\n",
+        "pos;tq;n\n0,5;-1;1\n1,25;2;2\n",
+        "pos;tq;n\n0.5;-1;1\n1.25;2;2\n",
+    ],
 )
-def test_semicolons_separate_columns(tmp_path, text):
+def test_text_with_and_without_names_by_commas_or_semicolons(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
     recording = read(tmp_path / "a.csv", angle_unit="deg")
     np.testing.assert_allclose(np.degrees(recording.angle), [0.5, 1.25])
@@ -168,13 +173,6 @@ def test_semicolons_separate_columns(tmp_path, text):
     (tmp_path / "a.csv").write_text(text.partition("\n")[2])
     bare = read(tmp_path / "a.csv", angle="1", torque="2", angle_unit="deg")
     np.testing.assert_array_equal(bare.angle, recording.angle)
-
-
-def test_text_without_names_has_numbered_columns(tmp_path, signals):
-    bare = tmp_path / "bare.csv"
-    np.savetxt(bare, np.stack(signals, axis=1), fmt="%.17g", delimiter=",")
-    recording = read(bare, angle="1", torque="2")
-    np.testing.assert_array_equal([recording.angle, recording.torque], signals)
 
 
 def test_time_series_of_nwb(tmp_path, signals):
@@ -197,16 +195,9 @@ def test_time_series_of_nwb(tmp_path, signals):
             read(file, angle=name, torque="tq.2")
 
 
-def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
-    file = tmp_path / "sub-1" / "motion" / "sub-1_task-a_run-2_motion.tsv"
-    file.parent.mkdir(parents=True)
+def test_motion_bids_without_its_descriptions_is_refused(tmp_path, signals):
+    file, described = tmp_path / "sub-1_motion.tsv", tmp_path / "sub-1_channels.tsv"
     WRITERS["sub-1_motion.tsv"](file, *signals)
-    beside = file.with_name("sub-1_task-a_run-2_channels.tsv")
-    described = beside.rename(tmp_path / "task-a_channels.tsv")
-    file.with_name("sub-1_task-a_run-2_motion.json").rename(tmp_path / "sub-1_motion.json")
-    file.with_name("sub-1_task-b_motion.json").write_text('{"SamplingFrequency": 7}')
-    np.testing.assert_array_equal(read(file).torque, signals[1])
-    assert describe_file(file)["tq"].sampling_rate == 200
     rows = described.read_text()
     for text, message in {
         rows.replace("MISC", "LATENCY"): "got values without evenly spaced times",
@@ -216,7 +207,7 @@ def test_motion_bids_is_described_in_folders_above_too(tmp_path, signals):
         with refused(message):
             read(file)
     described.unlink()
-    with refused(r"no sub-1_task-a_run-2_channels\.tsv beside it, which names its columns"):
+    with refused(r"no sub-1_channels\.tsv beside it, which names its columns"):
         read(file)
     file.write_text("pos\ttq\n" + file.read_text())
     with refused(r"expected numbers in the first line, .* got \['pos', 'tq'\]"):

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import savemat
-from tests.recordings.files import refused
+from tests.recordings.files import read, refused
 
 import tvsysid as tv
 from tvsysid.recordings import Reading, join_trials
@@ -13,17 +13,11 @@ def signals(random):
     return random.normal(scale=0.1, size=(40, 3)), random.normal(size=(40, 3))
 
 
-@pytest.fixture(params=[False, True])
-def mat(tmp_path, signals, request):
+@pytest.fixture
+def mat(tmp_path, signals):
     file = tmp_path / "ankle.mat"
-    variables = {"pos": signals[0], "tq": signals[1], "note": "hello", "rate": 100.0}
-    savemat(file, variables, do_compression=request.param)
+    savemat(file, {"pos": signals[0], "tq": signals[1], "note": "hello", "rate": 100.0})
     return file
-
-
-def read(file, angle="pos", torque="tq", **settings):
-    settings = {"sampling_rate": 100.0} | settings
-    return tv.read_recording(file, angle=angle, torque=torque, **settings)
 
 
 def test_columns_follow_each_other_or_are_trials(mat, signals):
@@ -146,10 +140,3 @@ def test_trials_that_cannot_be_used_are_left_out(tmp_path, random):
     assert usable.refused["a, trial 2"].startswith("angle: 1 of 50 values are NaN")
     assert usable.refused["e"] == "no such file"
     assert len(usable.recording.trials) == 7
-
-
-def test_an_angle_in_degrees_warns(tmp_path, random):
-    file = tmp_path / "degrees.csv"
-    pd.DataFrame(3 * random.normal(size=(50, 2)), columns=["pos", "tq"]).to_csv(file)
-    with pytest.warns(tv.DataQualityWarning, match="pos has an RMS of .* rad .* angle_unit='deg'"):
-        read(file)

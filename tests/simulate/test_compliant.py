@@ -2,20 +2,13 @@ import math
 
 import numpy as np
 import pytest
+from tests.simulate.conftest import simulate
 
 from tvsysid.simulate import (
     PERTURBATIONS,
     CompliantActuator,
-    FilteredNoise,
     SineWave,
 )
-
-
-def simulate(system, duration=10.0, **settings):
-    return system.simulate(
-        duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings)
-    )
-
 
 # Stiffness, viscosity (None for 0.7 of critical damping) and inertia of the load
 LOADS = {

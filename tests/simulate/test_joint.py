@@ -1,18 +1,13 @@
 import numpy as np
 import pytest
 from scipy.signal import welch
+from tests.simulate.conftest import simulate
 
 from tvsysid.simulate import PRBS, FilteredNoise, Joint, Pulses
 
 
-def simulate(duration=20.0, **settings):
-    asked = {"perturbation": FilteredNoise(), "snr_db": 10, "seed": 1, "rate": 1000.0}
-    asked |= {name: settings.pop(name) for name in asked if name in settings}
-    return Joint(**settings).simulate(duration, **asked)
-
-
 def test_the_angle_has_an_rms_of_half_a_degree():
-    recording = simulate(60.0).recording
+    recording = simulate(Joint(), 60.0).recording
     inside = (recording.time >= -1e-9) & (recording.time < 60.0 - 1e-9)
     assert (inside.sum(), len(recording), recording.start) == (60_000, 62_000, -1.0)
     assert np.sqrt(np.mean(recording.angle[inside] ** 2)) == pytest.approx(np.radians(0.5))
@@ -22,12 +17,12 @@ def test_the_angle_has_an_rms_of_half_a_degree():
     ("perturbation", "speed"), [(FilteredNoise(), 0.198), (PRBS(), 0.060), (PRBS(0.109), 0.0815)]
 )
 def test_mean_speed_is_the_published_one(perturbation, speed):
-    recording = simulate(300.0, perturbation=perturbation).recording
+    recording = simulate(Joint(), 300.0, perturbation=perturbation).recording
     assert np.abs(np.diff(recording.angle) * 1000).mean() == pytest.approx(speed, rel=0.03)
 
 
 def test_noise_and_perturbation_have_their_cutoff():
-    simulation = simulate(400.0, perturbation=FilteredNoise(8.0), snr_db=0.0)
+    simulation = simulate(Joint(), 400.0, perturbation=FilteredNoise(8.0), snr_db=0.0)
     noise = simulation.recording.torque - simulation.pathways["intrinsic"]
     for signal, cutoff, top in ((noise, 40, 10), (simulation.recording.angle, 8, 3)):
         frequencies, power = welch(signal, 1000.0, nperseg=4000)

@@ -1,13 +1,8 @@
 import numpy as np
 import pytest
+from tests.simulate.conftest import simulate
 
-from tvsysid.simulate import FilteredNoise, ReflexJoint, StretchReflex
-
-
-def simulate(system, duration=10.0, **settings):
-    return system.simulate(
-        duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings)
-    )
+from tvsysid.simulate import ReflexJoint, StretchReflex
 
 
 @pytest.mark.parametrize(

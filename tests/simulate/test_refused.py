@@ -1,34 +1,33 @@
 """Settings of systems that make no sense are refused."""
 
+from functools import partial
+
 import attrs
 import numpy as np
 import pytest
+from tests.simulate.conftest import simulate
 
 import tvsysid as tv
 from tvsysid.simulate import (
     CompliantActuator,
     Constant,
-    FilteredNoise,
     Joint,
     Multisine,
     ScheduledJoint,
     StretchReflex,
 )
 
-
-def simulate(system=None, duration=10.0, **settings):
-    usual = {"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1}
-    return (system or Joint()).simulate(duration, **(usual | settings))
+joint = partial(simulate, Joint())
 
 
 @pytest.mark.parametrize(
     ("act", "message"),
     [
-        (lambda: simulate(duration=0.0), "duration must be a positive number, got 0.0"),
-        (lambda: simulate(perturbation="prbs"), "perturbation must be FilteredNoise, PRBS"),
-        (lambda: simulate(rate=50.0), "rate must be a number of hertz above 80 Hz, got 50.0"),
-        (lambda: simulate(snr_db=np.nan), "snr_db must be a number of decibels"),
-        (lambda: simulate(perturbation=Multisine((1.0, 600.0))), "below half the sampling rate"),
+        (lambda: joint(duration=0.0), "duration must be a positive number, got 0.0"),
+        (lambda: joint(perturbation="prbs"), "perturbation must be FilteredNoise, PRBS"),
+        (lambda: joint(rate=50.0), "rate must be a number of hertz above 80 Hz, got 50.0"),
+        (lambda: joint(snr_db=np.nan), "snr_db must be a number of decibels"),
+        (lambda: joint(perturbation=Multisine((1.0, 600.0))), "below half the sampling rate"),
         (lambda: Joint(stiffness=100.0), "stiffness must be a callable"),
         (lambda: Joint(viscosity=np.nan), "viscosity must be a finite number or a callable"),
         (lambda: simulate(Joint(lambda time: time[1:])), r"for each of 13000 .* got shape \(12999"),
@@ -37,8 +36,8 @@ def simulate(system=None, duration=10.0, **settings):
         (lambda: simulate(ScheduledJoint(Constant(500.0))), "cover the stiffness of 500 to 500"),
         (lambda: CompliantActuator(actuator_stiffness=0.0), "must be a positive number"),
         (lambda: CompliantActuator(disturbance="force"), "must be one of 'angle', 'torque', got"),
-        (lambda: attrs.evolve(simulate(), truth={"stiffness": np.ones(5)}), "12000 samples, got 5"),
-        (lambda: attrs.evolve(simulate(), truth={"stiffness": 1.0}), "expected samples over time"),
+        (lambda: attrs.evolve(joint(), truth={"stiffness": np.ones(5)}), "12000 samples, got 5"),
+        (lambda: attrs.evolve(joint(), truth={"stiffness": 1.0}), "expected samples over time"),
     ],
 )
 def test_what_makes_no_sense_is_refused(act, message):

@@ -1,14 +1,9 @@
 import numpy as np
 import pytest
+from tests.simulate.conftest import simulate
 
 import tvsysid as tv
-from tvsysid.simulate import FilteredNoise, ScheduledJoint, SineWave, SquareWave
-
-
-def simulate(system, duration=20.0, **settings):
-    return system.simulate(
-        duration, **({"perturbation": FilteredNoise(), "snr_db": 10.0, "seed": 1} | settings)
-    )
+from tvsysid.simulate import ScheduledJoint, SineWave, SquareWave
 
 
 def rooted(activity):
@@ -17,7 +12,7 @@ def rooted(activity):
 
 @pytest.mark.parametrize("stiffness", [SineWave(), SquareWave()])
 def test_stiffness_is_the_relation_of_the_channel(stiffness):
-    simulation = simulate(ScheduledJoint(stiffness, relation=rooted, variable="activity"))
+    simulation = simulate(ScheduledJoint(stiffness, relation=rooted, variable="activity"), 20.0)
     (name,) = simulation.recording.channels
     assert name == "activity"
     np.testing.assert_array_equal(

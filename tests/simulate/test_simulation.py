@@ -3,16 +3,12 @@
 import attrs
 import numpy as np
 import pytest
+from tests.simulate.conftest import simulate
 
 import tvsysid as tv
 from tvsysid.simulate import PERTURBATIONS, PROFILES, SYSTEMS, SineWave
 
 systems = pytest.mark.parametrize("name", SYSTEMS)
-
-
-def simulate(name, duration=10.0, perturbation="noise", **settings):
-    usual = {"perturbation": PERTURBATIONS[perturbation], "snr_db": 10.0, "seed": 1}
-    return SYSTEMS[name].simulate(duration, **(usual | settings))
 
 
 def signals(simulation):
@@ -28,7 +24,7 @@ def signals(simulation):
 
 @systems
 def test_the_same_seed_gives_the_same_numbers_and_another_does_not(name):
-    first, again, other = (simulate(name, seed=seed) for seed in (4, 4, 5))
+    first, again, other = (simulate(SYSTEMS[name], seed=seed) for seed in (4, 4, 5))
     for key, values in signals(first).items():
         np.testing.assert_array_equal(values, signals(again)[key])
         assert values.shape == (12_000,)
@@ -36,7 +32,7 @@ def test_the_same_seed_gives_the_same_numbers_and_another_does_not(name):
     assert not np.array_equal(first.recording.angle, other.recording.angle)
     sequence = np.random.SeedSequence(4)
     for seed in (sequence, sequence, np.random.default_rng(4)):
-        torque = simulate(name, seed=seed).recording.torque
+        torque = simulate(SYSTEMS[name], seed=seed).recording.torque
         np.testing.assert_array_equal(torque, first.recording.torque)
 
 
@@ -44,7 +40,7 @@ def test_the_same_seed_gives_the_same_numbers_and_another_does_not(name):
 def test_the_noise_has_the_size_asked_for(name):
     # In a closed loop the noise is scaled to the torque of the disturbance, which is a little less.
     slack = 0.15 if name in ("compliant", "loaded") else 1e-9
-    simulation = simulate(name, 60.0, snr_db=7.0)
+    simulation = simulate(SYSTEMS[name], 60.0, snr_db=7.0)
     np.testing.assert_array_equal(simulation.noiseless.torque, sum(simulation.pathways.values()))
     torque = simulation.noiseless.torque[1000:61_000]
     noise = (simulation.recording.torque - simulation.noiseless.torque)[1000:61_000]
@@ -75,7 +71,7 @@ def test_the_intrinsic_torque_answers_the_recorded_angle(name, perturbation):
 
 
 def test_the_truth_of_an_ensemble_is_found_by_trial_and_time():
-    simulation = simulate("reflex", 20.0)
+    simulation = simulate(SYSTEMS["reflex"], 20.0)
     recording = tv.preprocess.decimate(simulation.recording, 100)
     ensemble = tv.preprocess.segment(recording, 2.5, context=0.25)
     truth = simulation.truth_of(ensemble)
@@ -95,7 +91,7 @@ def test_the_truth_of_an_ensemble_is_found_by_trial_and_time():
     "change", [{"trials": [0, 1]}, {"onsets": [0.0, 19.5]}, {"onsets": [-2.0, 0.0]}]
 )
 def test_the_truth_of_a_foreign_ensemble_is_refused(change):
-    simulation = simulate("joint", 20.0)
+    simulation = simulate(SYSTEMS["joint"], 20.0)
     ensemble = tv.preprocess.segment(simulation.recording, 2.0).select([0, 1])
     with pytest.raises(tv.InputError, match="cut from this simulation's recording"):
         simulation.truth_of(attrs.evolve(ensemble, **change))

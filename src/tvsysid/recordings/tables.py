@@ -16,7 +16,6 @@ from tvsysid.recordings.channel import Channel, channel_of, stated, timed
 
 HEAD_LENGTH = 1_000_000  # characters that hold the first line
 MISSING = ("", "n/a", "N/A", "NA")  # cells of a line of numbers
-BIDS_FOLDERS = 4  # data set, participant, session, kind of data: all may hold descriptions
 
 
 def read_text(file: Path) -> Iterator[tuple[str, Channel]]:
@@ -72,21 +71,18 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read channels of ``sub-1_task-a_motion.tsv`` by their names in ``sub-1_task-a_channels.tsv``.
 
     Units are those of that file. The rate is the ``SamplingFrequency`` of ``…_motion.json``, or
-    that of the times in a channel of type LATENCY. Both files may also be in folders above, with
-    fewer words in their names.
+    that of the times in a channel of type LATENCY.
     """
     names, columns = _read_table(file)
-    described, settings = (_nearest(file, ending) for ending in ("_channels.tsv", "_motion.json"))
+    stem = file.name.removesuffix("_motion.tsv")
+    described, settings = (file.with_name(stem + end) for end in ("_channels.tsv", "_motion.json"))
     if names:
         raise InputError(
             "expected numbers in the first line, as Motion-BIDS has no names there; got "
             f"{names[:3]}; give a file of another kind another name"
         )
-    if described is None:
-        raise InputError(
-            f"no {file.name.removesuffix('_motion.tsv')}_channels.tsv beside it, which names its "
-            "columns; put it there"
-        )
+    if not described.is_file():
+        raise InputError(f"no {described.name} beside it, which names its columns; put it there")
     lines = described.read_text(encoding="utf-8-sig").splitlines()
     rows = list(csv.DictReader(lines, delimiter="\t"))
     if len(columns) != len(rows) or not all(row.get("name") and row.get("type") for row in rows):
@@ -94,25 +90,11 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
             f"expected a row with name and type in {described.name} for each of the {len(columns)} "
             f"columns, got {len(rows)} rows"
         )
-    about = json.loads(settings.read_text(encoding="utf-8-sig")) if settings else {}
+    about = json.loads(settings.read_text(encoding="utf-8-sig")) if settings.is_file() else {}
     times = [each for row, each in zip(rows, columns, strict=True) if row["type"] == "LATENCY"]
     for row, values in zip(rows, columns, strict=True):
         channel = channel_of(values, row.get("units"), about.get("SamplingFrequency"))
         yield row["name"], timed(channel, times[0]) if times else channel
-
-
-def _nearest(file: Path, ending: str) -> Path | None:
-    """Return the nearest file that describes a recording: its words are all in its name."""
-    words = set(file.name.split("_"))
-    for folder in file.absolute().parents[:BIDS_FOLDERS]:
-        found = [
-            item
-            for item in folder.glob(f"*{ending}")
-            if words.issuperset(item.name.removesuffix(ending).split("_"))
-        ]
-        if found:
-            return max(found, key=lambda item: item.name.count("_"))
-    return None
 
 
 def read_npz(file: Path) -> Iterator[tuple[str, Channel]]:

@@ -5,7 +5,7 @@ from tests.conftest import ensemble_of
 
 
 def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
-    monkeypatch.setattr("tvsysid.planning.Pilot.most_simulated", 40)
+    monkeypatch.setattr("tvsysid.planning.Protocol.most_simulated", 40)
     ensemble = ensemble_of(40.0, "sine", "noise")
     signals = {
         name: ensemble.signal(name)[:, ensemble.core].ravel() for name in ("angle", "torque")

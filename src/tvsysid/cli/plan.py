@@ -12,10 +12,10 @@ from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
-    from tvsysid.planning import Pilot, Plan
-    from tvsysid.planning.setups import Setup
+    from tvsysid.planning import Plan, Protocol
 
 MIN_REALIZATIONS = 20  # with fewer, plans and bands are the best case
+MAX_EXCESS = 1.25  # of the scatter in a pilot, which is not mentioned
 PERIOD_S = 2.0
 
 
@@ -38,7 +38,7 @@ def plan(
 ) -> None:
     """Plan how much to record for a given precision of the stiffness.
 
-    Simulates ensembles of 5, 10, 20, … realizations of a stated joint and protocol, or of what a
+    Simulates ensembles of 5, 20, 80, … realizations of a stated joint and protocol, or of what a
     pilot recording shows, and identifies them by each method. How far its stiffness scatters, and
     how far it is off in the mean, says how many realizations it needs. A second simulation, of a
     joint whose stiffness steps, says how fast a change each method can follow.
@@ -74,7 +74,8 @@ def plan(
     noise
         RMS of the torque's noise in N·m, whatever the amplitude.
     snr
-        In place of --noise: signal-to-noise ratio in dB at an amplitude of 0.0087 rad. [10]
+        In place of --noise: signal-to-noise ratio in dB at an amplitude of 0.0087 rad, after
+        decimation. [10]
     pilot
         Recording to take joint, noise and perturbation from. Needs --angle, --torque, --rate.
     seed
@@ -95,7 +96,7 @@ def plan(
         )
     if pilot is None:
         cutting = given(period=segmentation.period, rate=segmentation.decimate)
-        first: Setup = Protocol(**joint, **cutting)
+        first = Protocol(**joint, **cutting)
     elif joint:
         raise InputError(
             f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out --system, "
@@ -117,18 +118,22 @@ def plan(
     say_written(out, ["plan.csv", "plan.png"])
 
 
-def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Pilot:
+def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol:
     """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
     from tvsysid import preprocess
-    from tvsysid.planning import Pilot
+    from tvsysid.planning import Protocol
     from tvsysid.recordings import read_recording
 
     recording = read_recording(file, reading)
     if segmentation.decimate is not None:
         recording = preprocess.decimate(recording, segmentation.decimate)
-    cut = preprocess.segment(recording, segmentation.period or PERIOD_S, segmentation.context)
-    pilot = Pilot.of(preprocess.subtract_mean(cut))
-    say(f"pilot: {pilot.described()}")
+    period = segmentation.period or PERIOD_S
+    pilot = Protocol.of(preprocess.segment(recording, period, segmentation.context))
+    stiffness = pilot.stiffness_over_time
+    say(
+        f"pilot: stiffness {stiffness.min():.0f} to {stiffness.max():.0f} N·m/rad; "
+        f"noise of the torque {pilot.noise:.2g} N·m RMS"
+    )
     return pilot
 
 
@@ -160,4 +165,11 @@ def _show(found: Plan) -> None:
         for each in answers:
             if each.why:
                 say(f"  {each.method} does not suffice: {each.why}")
+            if each.excess > MAX_EXCESS:
+                say(
+                    f"  {each.method} scatters {each.excess:.1f} times as much in the pilot as "
+                    "simulated. The plan allows for it; the band of `identify` does not."
+                )
+    if all(each.pilot is None for each in found.setups.values()):
+        say("assumed: pink noise of the torque, as voluntary torque is; --pilot measures yours")
     say(f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}")

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from tvsysid.figures import style
 from tvsysid.planning import Plan
-from tvsysid.planning.setups import seconds_of
 
 SAMPLES = 60  # of a curve
 
@@ -40,7 +39,7 @@ def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
             continue
         counts = np.geomspace(curve.realizations[0], curve.realizations[-1], SAMPLES)
         half = np.array([plan.multiple * curve.at(each).total for each in counts])
-        minutes = np.array([seconds_of(plan.setups[setup], each) / 60 for each in counts])
+        minutes = np.array([plan.setups[setup].seconds(each) / 60 for each in counts])
         style.curve(axes, minutes, half, **look)
         if answer.realizations is not None:
             dot = look | {"markersize": 9.0, "linestyle": "", "label": ""}

@@ -2,6 +2,6 @@
 
 from tvsysid.planning.answers import Answer, Plan, plan
 from tvsysid.planning.curves import Curve
-from tvsysid.planning.setups import Pilot, Protocol
+from tvsysid.planning.protocol import Protocol
 
-__all__ = ["Answer", "Curve", "Pilot", "Plan", "Protocol", "plan"]
+__all__ = ["Answer", "Curve", "Plan", "Protocol", "plan"]

@@ -16,25 +16,25 @@ from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of, parse
 from tvsysid.numerics.bands import critical_value
 from tvsysid.planning.curves import (
-    RECORDS,
+    DRAWS,
     Curve,
     measure_curve,
     measure_excess,
     measure_rise,
     sizes_of,
 )
-from tvsysid.planning.setups import Pilot, Setup, seconds_of
+from tvsysid.planning.protocol import Protocol
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Ensemble
-from tvsysid.validators import at_least, optional, positive
+from tvsysid.validators import optional, positive
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
 METHODS = ("adaptive", "sds", "birf", "kbr")
+MARGIN = 1.1  # as the few simulated ensembles show an error to 10 %
 EXTRAPOLATION = 10  # times as many realizations are answered by the law that was found
-DRAWS, STEP_DRAWS = 18, 4  # ensembles of each size, and with a step
 HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
 
 
@@ -89,7 +89,7 @@ class Plan:
 
     precision: float
     resolution: float | None
-    setups: Mapping[str, Setup]
+    setups: Mapping[str, Protocol]
     methods: Mapping[str, Method]
     curves: Mapping[tuple[str, str], Curve]
     answers: tuple[Answer, ...]
@@ -135,37 +135,35 @@ class Plan:
 
 
 def plan(
-    setup: Ensemble | Setup | Sequence[Ensemble | Setup],
+    setup: Ensemble | Protocol | Sequence[Ensemble | Protocol],
     precision: float = 5.0,
     resolution: float | None = None,
     methods: Iterable[str | Method] = METHODS,
     *,
-    draws: int = DRAWS,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Plan:
     r"""Find how many realizations it takes to know stiffness to ± ``precision`` at 95 %.
 
-    Ensembles of 5, 10, 20, … realizations are simulated, several of each size, and identified by
+    Ensembles of 5, 20, 80, … realizations are simulated, six of each size, and identified by
     each method. They give the random error and the bias of its stiffness for any number of
     realizations. A number suffices where
 
-    .. math:: 1.96 \sqrt{Err_{random}^2 + Err_{bias}^2} \le precision
+    .. math:: 1.1 \cdot 1.96 \sqrt{Err_{random}^2 + Err_{bias}^2} \le precision
+
+    The factor of 1.1 allows for the chance in six ensembles.
 
     Parameters
     ----------
     setup
-        A pilot's ensemble (:class:`tvsysid.planning.Pilot`), a stated
-        :class:`tvsysid.planning.Protocol`, or several setups to compare, as with other
-        perturbations and amplitudes.
+        A pilot's ensemble, a :class:`tvsysid.planning.Protocol`, or several of them to compare, as
+        with other perturbations and amplitudes.
     precision
         Half of the 95 % band in N·m/rad. The bias counts with the random error.
     resolution
         Longest time in s in which an estimate may rise from 10 to 90 % of a step; None for any.
     methods
         Keys with settings if need be (``"sds:window=0.2"``), or methods.
-    draws
-        Ensembles of each size, at least 6; fewer of the largest sizes.
     seed
         Random seed of the simulations.
     progress
@@ -175,7 +173,7 @@ def plan(
     Raises
     ------
     InputError
-        For a precision or resolution that is not positive, too few draws, or unknown methods.
+        For a precision or resolution that is not positive, or unknown methods.
 
     Notes
     -----
@@ -188,13 +186,12 @@ def plan(
     --------
     >>> import tvsysid as tv
     >>> setup = tv.planning.Protocol(perturbation="prbs", amplitude=0.01)
-    >>> print(tv.plan(setup, precision=8, methods=["birf"], draws=6))
+    >>> print(tv.plan(setup, precision=8, methods=["birf"]))
     To know stiffness to ± 8 N·m/rad at 95 %, with birf and prbs of 0.01 rad: ... realizations of
     2 s; record ...
     """
     positive.check("plan", "precision", precision)
     optional(positive).check("plan", "resolution", resolution)
-    at_least(RECORDS).check("plan", "draws", draws)
     setups = _by_label(setup)
     named = [methods] if isinstance(methods, str) else methods
     chosen = {label_of(each): parse(each) if isinstance(each, str) else each for each in named}
@@ -208,48 +205,41 @@ def plan(
 
     advance()
     curves: dict[tuple[str, str], Curve] = {}
-    answers, excess = list[Answer](), dict[tuple[int, str], float]()
+    answers = list[Answer]()
     for label, each in setups.items():
         most = sizes[label][-1]
-        records = [each.simulated(most, seed + number) for number in range(RECORDS)]
-        needed = dict[str, int | None]()
+        records = [each.simulated(most, seed + number) for number in range(DRAWS)]
         for name, method in chosen.items():
-            curve = measure_curve(method, records, sizes[label], draws, advance)
-            if isinstance(each, Pilot):
-                which = id(each.recorded), name  # all setups of a pilot have the same
-                excess[which] = excess.get(which) or measure_excess(method, each, draws // 2, seed)
-                curve = attrs.evolve(curve, excess=excess[which])
-            curves[label, name] = curve
-            needed[name] = curve.needed(precision / HALF_BAND, EXTRAPOLATION * most)
-        counts = {name: min(number or most, most) for name, number in needed.items()}
-        stepped = each.stepped()
-        record = stepped and stepped.simulated(max(counts.values()), seed + RECORDS)
-        for name, number in needed.items():
-            rise, curve = math.nan, curves[label, name]
-            if record:
-                rise = measure_rise(chosen[name], record, counts[name], STEP_DRAWS)
+            curve = measure_curve(method, records, sizes[label], advance)
+            excess = measure_excess(method, each, curve, seed)
+            curve = curves[label, name] = attrs.evolve(curve, excess=excess)
+            number = curve.needed(precision / HALF_BAND / MARGIN, EXTRAPOLATION * most)
             why = [] if number else [_why_not(curve, most, precision)]
+            rise, stepped = math.nan, each.stepped()
+            if stepped:
+                rise = measure_rise(method, stepped.simulated(min(number or most, most), seed))
             if resolution is not None and not rise <= resolution:
                 why.append(f"it takes {rise:.2g} s to follow a step")
             random, bias = curve.at(number or most)
-            seconds, half_width = seconds_of(each, number or most), HALF_BAND * random
-            reached = (seconds, half_width, bias, rise, curve.excess)
+            reached = each.seconds(number or most), HALF_BAND * random, bias, rise, excess
             answers.append(Answer(label, name, number, *reached, "; ".join(why)))
             advance()
     return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
 
 
-def _by_label(given: Ensemble | Setup | Sequence[Ensemble | Setup]) -> dict[str, Setup]:
-    """Return the setups by label; of a pilot's ensemble, what it shows."""
-    by_label = dict[str, Setup]()
+def _by_label(
+    given: Ensemble | Protocol | Sequence[Ensemble | Protocol],
+) -> dict[str, Protocol]:
+    """Return the protocols by label; of a pilot's ensemble, what it shows."""
+    by_label = dict[str, Protocol]()
     for each in given if isinstance(given, Sequence) else [given]:
-        if not isinstance(each, Ensemble | Setup):
+        if not isinstance(each, Ensemble | Protocol):
             raise InputError(
-                "plan: expected a pilot's Ensemble, a Protocol or a Pilot, got "
+                "plan: expected a pilot's Ensemble or a Protocol, got "
                 f"{type(each).__name__}; segment a Recording first"
             )
-        setup = Pilot.of(each) if isinstance(each, Ensemble) else each
-        by_label[str(setup)] = setup
+        protocol = Protocol.of(each) if isinstance(each, Ensemble) else each
+        by_label[str(protocol)] = protocol
     return by_label
 
 
@@ -258,6 +248,6 @@ def _why_not(curve: Curve, most: int, precision: float) -> str:
     if not curve.realizations.size:
         return curve.why or "it gives no stiffness"
     half_width = HALF_BAND * curve.at(most).bias
-    if half_width > precision:
+    if MARGIN * half_width > precision:
         return f"its bias alone is ± {half_width:.2g} N·m/rad, however much is recorded"
     return f"{EXTRAPOLATION * most} realizations are too few"

@@ -215,11 +215,8 @@ def test_a_moving_ankle_follows_its_angle(ankle, key):
     found, details = model.at(ANGLES), model.diagnostics.details
     assert (np.abs(found["stiffness"].values - expected) < 2 * np.array(deviation)).all()
     assert details["vaf_folds"] > least
-    alone, *at_rest = model.diagnostics.warnings
-    assert alone.startswith("scheduling is below -0.306 in part 3 of 5 of the record only")
     if "reflex_gain" in found:
-        assert "stiffness would be" in at_rest[0]
-        assert "use rest_order=" in at_rest[0]
+        assert "use rest_order=" in model.diagnostics.warnings[0]
         assert details["direction"] == 1
         gains = [3.0, 3.1, 3.5, 4.1, 4.8, 5.7, 6.8]
         np.testing.assert_allclose(found["reflex_gain"].values, gains, atol=0.8)

@@ -204,7 +204,9 @@ def second_order(
     """
     count, response = len(noise), left.response
     moments, own = (each.signals.T @ each.signals / count for each in (rows, left))
-    inverse, own_inverse = (np.linalg.pinv(each, ROUNDING, True) for each in (moments, own))
+    inverse, own_inverse = (
+        np.asarray(np.linalg.pinv(each, ROUNDING, True)) for each in (moments, own)
+    )
     cross = moments @ response
     (readout,), (fitted,) = second_order_readout(moments[None], cross[None], inverse[None], rate)
     effects = readout @ moments @ own_inverse @ left.signals.T / count

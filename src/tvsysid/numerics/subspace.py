@@ -166,7 +166,8 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     inputs that are nearly collinear.
     """
     further = (len(pieces[0].lagged) - len(pieces[0].output)) * lagged  # samples of lagged signals
-    reach, gram = 2 * horizon + further, np.zeros(())
+    reach = 2 * horizon + further
+    gram: Array = np.zeros(())
     for output, angle, inputs in pieces:
         signals = np.pad(np.vstack([output, inputs.T]), ((0, 0), (further, 0)))
         signals = np.vstack([signals, angle]) if lagged else signals

@@ -6,37 +6,33 @@ One estimates impulse responses, the other stiffness, viscosity and inertia.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
+from itertools import product
 from operator import itemgetter
 
 import attrs
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.methods import base
 from tvsysid.methods.cascade.columns import second_order_fit
-from tvsysid.methods.cascade.pathways import DIRECTIONS
-from tvsysid.methods.scheduled.model import (
-    GRID,
-    Design,
-    ScheduledModel,
-    Term,
-    derivatives,
-    filtered_stretch,
-    lagged_angles,
-    rest,
-)
-from tvsysid.methods.scheduled.regression import FOLDS, Orders, Regression, held_out
+from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, history
+from tvsysid.methods.scheduled.model import GRID, Curves, Orders, Part, Parts, ScheduledModel
+from tvsysid.methods.scheduled.regression import Regression
 from tvsysid.methods.shared.residuals import independent_realizations
-from tvsysid.models import IMPEDANCE, Diagnostics, Estimate
+from tvsysid.models import IMPEDANCE, Diagnostics
+from tvsysid.numerics.bands import mean_known
+from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.laguerre import laguerre_filters
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, boolean, not_negative, optional, positive, text
 
 MAX_ORDER = 10  # of the polynomials that are tried
 TIME_CONSTANT_S = 0.03  # over which the Laguerre filters decay
-MIN_BEYOND = 0.05  # distance of a fold's values from those of the others, relative to the range
-TIED_VAF = 0.5  # points by which a free torque at rest may predict worse and still be as good
+MIN_GAIN = 0.1  # points of VAF by which a free torque at rest must predict folds better
+
+Signals = Mapping[str, tuple[Array, Mapping[str, Array]]]
 
 
 @attrs.frozen
@@ -95,119 +91,132 @@ class Scheduled(base.Method):
             range(MAX_ORDER + 1) if each is None else (each,)
             for each in (self.order, self.reflex_order if self.reflex else 0)
         )
+        tried = [Orders(self.rest_order, *each) for each in product(orders, reflex_orders)]
+        every = tried[-1]._replace(rest=max(tried[-1]))
+        values, angle = self._values(ensemble), ensemble.angle[:, ensemble.core]
+        limits, centre = (float(values.min()), float(values.max())), float(angle.mean())
         fits = []
         for direction in DIRECTIONS[: 1 + self.reflex]:
-            highest = self._regression(ensemble, (orders[-1], reflex_orders[-1]), direction)
-            best = highest.best_orders(orders, reflex_orders)
-            fit = self._regression(ensemble, best, direction)
-            fits.append((held_out(fit.moments).mean(), best, direction, fit))
-        vaf_folds, best, direction, fit = max(fits, key=itemgetter(0))
+            parts = partial(self._parts, limits, centre, direction)
+            highest = Regression.of(parts(every, ensemble), ensemble)
+            fits.append((*highest.best_orders(tried), direction, parts, highest))
+        best, vaf_folds, direction, parts, highest = max(fits, key=itemgetter(1))
+        chosen = parts(best, ensemble)
+        fit = Regression.of(chosen, ensemble)
         # Columns of zeros have no coefficients: subtracting the mean removes a constant torque
         parameters = np.count_nonzero(fit.coefficients)
         independent = independent_realizations(ensemble) / len(ensemble)
-        freedom = max(1.0, float(fit.values[-1].sum()) * independent - parameters)
-        curves = fit.curves(fit.covariance(ensemble.sampling_rate, freedom), freedom)
-        grid = np.linspace(*fit.design.limits, GRID)
-        estimates = {}
-        for name, curve in curves.items():
-            estimates[name] = curve.at(self._values(ensemble), ("realization", "time"))
-            estimates[f"scheduled_{name}"] = curve.at(grid, (self.variable,))
+        freedom = max(1.0, float(fit.known.sum()) * independent - parameters)
+        covariance = fit.covariance(ensemble.sampling_rate, freedom)
+        polynomials = {}
+        for part, (_, quantities) in chosen.items():
+            for name, weights in quantities.items():
+                readout = fit.readout(part, weights)
+                polynomials[name] = readout @ fit.coefficients, readout @ covariance @ readout.T
+        curves = Curves(limits, polynomials, freedom)
+        estimates = curves.at(values, ("realization", "time"))
+        scheduled = curves.at(curves.grid, (self.variable,))
         details = {
-            "vaf": fit.vaf("rest", "intrinsic", "reflex"),
-            "vaf_intrinsic": fit.vaf("intrinsic"),
-            "vaf_folds": float(vaf_folds),
-            "order": float(best[0]),
+            "vaf": float(fit.vaf(fit.coefficients)),
+            "vaf_folds": vaf_folds,
+            "order": float(best.intrinsic),
         }
         if self.reflex:
-            details |= {"vaf_reflex": fit.vaf("reflex"), "reflex_order": float(best[1])}
-            details["direction"] = float(direction)
-        warnings = [*self._warnings_of_folds(ensemble)]
-        if self.order is None and best[0] >= MAX_ORDER - 1:
-            warnings.append(
-                f"the orders tried end at {MAX_ORDER}, and {best[0]} predicts best: the joint may "
-                f"change faster with {self.variable} than polynomials follow, and the bands do not "
-                "count that"
-            )
-        if self.rest_order < max(best):
-            free = attrs.evolve(self, rest_order=max(best))._regression(ensemble, best, direction)
-            warnings += warnings_of_rest(fit, free, max(best), estimates["scheduled_stiffness"])
+            details |= {"reflex_order": float(best.reflex), "direction": float(direction)}
+        free = best._replace(rest=max(best))
+        gain = highest.held_out([free]).mean() - vaf_folds
         return ScheduledModel(
-            method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=estimates,
-            coordinates={self.variable: grid},
-            diagnostics=Diagnostics(float(parameters), warnings=tuple(warnings), details=details),
-            design=fit.design,
-            coefficients=fit.coefficients,
+            estimates=estimates | {f"scheduled_{name}": each for name, each in scheduled.items()},
+            coordinates={self.variable: curves.grid},
+            diagnostics=Diagnostics(
+                float(parameters),
+                warnings=tuple(self._warnings(best, free, gain)),
+                details=details,
+            ),
+            parts=partial(parts, best),
+            coefficients=fit.coefficients / fit.scale,
             curves=curves,
         )
+
+    def _warnings(self, best: Orders, free: Orders, gain: float) -> Iterator[str]:
+        """Yield warnings of orders that are too low, for the joint or for its torque at rest.
+
+        The VAF of folds rises by ``gain`` with the orders that leave the torque at rest free.
+        """
+        if self.order is None and best.intrinsic >= MAX_ORDER - 1:
+            yield (
+                f"the orders tried end at {MAX_ORDER}, and {best.intrinsic} predicts best: the "
+                f"joint may change faster with {self.variable} than polynomials follow, and the "
+                "bands do not count that"
+            )
+        if gain > MIN_GAIN:
+            yield (
+                f"the VAF of folds rises by {gain:.1f} points if the torque at rest follows "
+                f"{self.variable} as well, which may change stiffness: use rest_order={free.rest}, "
+                "unless you know that the torque at rest is constant"
+            )
 
     def _values(self, ensemble: Ensemble) -> Array:
         return ensemble.signal(self.variable)[:, ensemble.core]
 
-    def _regression(self, ensemble: Ensemble, orders: Orders, direction: int) -> Regression:
-        """Return the regression with these orders and this direction of stretch."""
-        terms = [Term("rest", self.rest_order, rest, {}), *self._intrinsic(ensemble, orders[0])]
+    def _parts(
+        self,
+        limits: tuple[float, float],
+        centre: float,
+        direction: int,
+        orders: Orders,
+        ensemble: Ensemble,
+    ) -> Parts:
+        """Return the regressors of each part of the torque: signals times polynomials.
+
+        They lose their mean over realizations where the ensemble has lost its own.
+        """
+        variable = ensemble.signal(self.variable)
+        powers = np.moveaxis(chebyshev_of(variable, limits, max(orders) + 1), -1, 0)
+        signals = {"rest": (np.ones((1, 1, 1)), {}), **self._intrinsic(ensemble, centre)}
+        parts = {
+            name: Part(
+                own[:, None] * powers[: getattr(orders, name) + 1, :, ensemble.core], weights
+            )
+            for name, (own, weights) in signals.items()
+        }
         if self.reflex:
             delay, memory = (
                 base.whole_samples(each, ensemble) for each in (self.delay, self.memory)
             )
             decay = TIME_CONSTANT_S * ensemble.sampling_rate
             responses = laguerre_filters(self.filters, memory, decay)
-            regressors = partial(filtered_stretch, direction, delay, responses)
-            quantities = {"reflex_gain": responses.sum(axis=1)}
-            terms.append(Term("reflex", orders[1], regressors, quantities))
-        values = self._values(ensemble)
-        limits = float(values.min()), float(values.max())
-        design = Design(self.variable, limits, tuple(terms))
-        return Regression.of(design, ensemble)
-
-    def _warnings_of_folds(self, ensemble: Ensemble) -> Iterator[str]:
-        """Yield a warning if one fold alone has some values of the variable."""
-        values = self._values(ensemble)[np.concatenate(ensemble.runs)]
-        folds = np.array_split(values.ravel(), FOLDS)
-        for side, sign in (("below", 1), ("above", -1)):
-            extremes = np.array([np.min(sign * fold) for fold in folds])
-            alone, following = np.argsort(extremes)[:2]
-            if extremes[following] - extremes[alone] > MIN_BEYOND * np.ptp(values):
-                yield (
-                    f"{self.variable} is {side} {sign * extremes[following]:.3g} in part "
-                    f"{alone + 1} of {FOLDS} of the record only: nothing else says how the joint "
-                    "is there"
-                )
+            drives = powers[: orders.reflex + 1] * Stretch(direction=direction)(ensemble)
+            reflex = filtered(drives, responses, delay, ensemble)
+            parts["reflex"] = Part(reflex, {"reflex_gain": responses.sum(axis=1)})
+        if ensemble.mean_subtracted:
+            for name, (own, weights) in parts.items():
+                mean = mean_known(np.moveaxis(own, 2, 0))[:, :, None]
+                parts[name] = Part(own - mean, weights)
+        return parts
 
     @abstractmethod
-    def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
-        """Return the terms of the intrinsic torque, with polynomials of an order."""
+    def _intrinsic(self, ensemble: Ensemble, centre: float) -> Signals:
+        """Return the signals of each part of the intrinsic torque, of the angle less its centre.
+
+        Beside them are the weights (signal,) of each quantity.
+        """
 
 
-def mean_angle(ensemble: Ensemble) -> float:
-    """Return the mean angle in rad, without context."""
-    return float(ensemble.angle[:, ensemble.core].mean())
+def filtered(drives: Array, responses: Array, delay: int, ensemble: Ensemble) -> Array:
+    """Return drives behind a delay in samples and filters, (filter, drive, realization, time).
 
-
-def warnings_of_rest(
-    fit: Regression, free: Regression, order: int, stiffness: Estimate
-) -> Iterator[str]:
-    """Yield a warning if ``stiffness`` over the variable is another with a free torque at rest.
-
-    In the regression ``free`` that torque is a polynomial of this ``order``.
+    The ``drives`` have shape (drive, realization, context + time + context), the ``responses``
+    (filter, lag).
     """
-    name, grid = fit.design.variable, np.linspace(*fit.design.limits, GRID)
-    change = free.curves(free.inverse())["stiffness"].at(grid, (name,)).values - stiffness.values
-    _, upper = stiffness.limits()
-    beyond = np.abs(change) / (upper - stiffness.values)
-    place = int(np.argmax(beyond))
-    vaf, free_vaf = held_out(fit.moments).mean(), held_out(free.moments).mean()
-    if beyond[place] > 1 and free_vaf > vaf - TIED_VAF:
-        yield (
-            f"at {name} {grid[place]:.3g}, stiffness would be {abs(change[place]):.1f} N·m/rad "
-            f"{'higher' if change[place] > 0 else 'lower'}, outside its 95 % band, if the torque "
-            f"at rest followed the variable, which predicts folds as well ({free_vaf:.1f} against "
-            f"{vaf:.1f} %): use rest_order={order}, unless you know that the torque at rest is "
-            "constant"
-        )
+    memory, found = responses.shape[1], []
+    for drive in drives:
+        past = history(ensemble, drive, delay + memory - 1)[:, : memory - 1 + ensemble.samples]
+        windows = sliding_window_view(past, memory, axis=1)
+        found.append(np.tensordot(responses[:, ::-1], windows, axes=(1, 2)))
+    return np.stack(found, axis=1)
 
 
 @attrs.frozen
@@ -240,7 +249,8 @@ class ScheduledIRF(Scheduled):
         variable for two reasons. The variable may cause a torque by itself. And the angle may not
         count from the joint's rest position, which adds stiffness times the difference. If the
         degree is at least ``order``, no offset of the angle matters. But then the reflex's mean
-        torque does not help to estimate its gain. A warning says where that matters to stiffness.
+        torque does not help to estimate its gain. A warning says where a free torque at rest
+        predicts folds better.
     delay, memory
         Delay d of the reflex, and the duration of its response after the delay, in s.
     filters
@@ -258,8 +268,7 @@ class ScheduledIRF(Scheduled):
 
     The method chooses the direction of stretch that better predicts five folds of consecutive time,
     each from the others. ``vaf_folds`` in the diagnostics' details is the mean over the folds of
-    the variance accounted for, in per cent of the torque's variance in each. A warning says which
-    values of the variable occur in one fold only.
+    the variance accounted for, in per cent of the torque's variance in each.
 
     The bands are those of least squares with noise of the residual's autocorrelation, up to 0.4 s.
     They are slightly narrow (docs/scheduling.md has the measured coverage). They do not cover the
@@ -284,12 +293,14 @@ class ScheduledIRF(Scheduled):
         "The intrinsic response ends before the reflex's delay does.",
     )
 
-    def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
+    def _intrinsic(self, ensemble: Ensemble, centre: float) -> Signals:
         lags = base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
+        angle = np.pad(ensemble.angle - centre, ((0, 0), (lags, lags)), constant_values=np.nan)
+        windows = sliding_window_view(angle, ensemble.samples, axis=1)[:, ensemble.context :]
         fit = second_order_fit(np.arange(-lags, lags + 1) / ensemble.sampling_rate)
-        weights = (np.ones(2 * lags + 1), *fit[1:])
-        regressors = partial(lagged_angles, mean_angle(ensemble), lags)
-        return (Term("intrinsic", order, regressors, dict(zip(IMPEDANCE, weights, strict=True))),)
+        weights = np.ones(2 * lags + 1), *fit[1:]
+        signals = windows[:, 2 * lags :: -1].swapaxes(0, 1)
+        return {"intrinsic": (signals, dict(zip(IMPEDANCE, weights, strict=True)))}
 
 
 @attrs.frozen
@@ -312,11 +323,10 @@ class ScheduledImpedance(Scheduled):
         "The joint is of second order (inertia, viscosity, stiffness).",
     )
 
-    def _intrinsic(self, ensemble: Ensemble, order: int) -> tuple[Term, ...]:
-        regressors = partial(derivatives, mean_angle(ensemble))
-        weights = dict(zip(IMPEDANCE, np.eye(2), strict=False))
-        inertia = partial(regressors, slice(2, 3))
-        return (
-            Term("intrinsic", order, partial(regressors, slice(2)), weights),
-            Term("intrinsic", 0, inertia, {"inertia": np.ones(1)}),
-        )
+    def _intrinsic(self, ensemble: Ensemble, centre: float) -> Signals:
+        signals = ensemble.derivatives()
+        signals[0] -= centre
+        return {
+            "intrinsic": (signals[:2], dict(zip(IMPEDANCE[:2], np.eye(2), strict=True))),
+            "inertia": (signals[2:], {"inertia": np.ones(1)}),
+        }

@@ -46,14 +46,17 @@ def test_without_a_command_the_help_is_shown(tvsysid):
     [
         (f"identify nowhere.mat {SIGNALS}", "nowhere.mat: no such file"),
         (f"identify joint.mat {SIGNALS}", "--period is missing: the duration of one repetition"),
-        ("identify joint.mat --angle angle --period 2", "torque is missing; give it (--torque)"),
+        ("identify joint.mat --angle angle --rate 1000", "torque is missing; add --torque."),
         ("identify", "FILE requires an argument (see tvsysid identify --help)"),
         (IDENTIFY_JOINT + "--angle pos", "no channel 'pos'; it holds angle (40000 x 1, 1000 Hz)"),
         (IDENTIFY_JOINT + "--torque-sign 3", "for --torque-sign. Choose from: 1, -1 (see tvsysid"),
         (IDENTIFY_JOINT + "--torque angle", "angle and torque are both 'angle'; name the"),
         (IDENTIFY_JOINT + "--out joint.mat", "tvsysid: joint.mat: File exists"),
         (IDENTIFY_JOINT + "--channel emg", "--channel emg: expected NAME=CHANNEL, as in emg=EMG_"),
-        ("inspect joint.mat --diagnose --period 2", "angle is missing; give it (--angle)"),
+        (
+            "inspect joint.mat --diagnose --period 2",
+            "angle is missing; add --angle",
+        ),
         (
             IDENTIFY_JOINT.replace("identify", "inspect --diagnose") + "--reference command",
             "there is no 'command'; the signals are 'angle', 'torque'; read it as a channel",

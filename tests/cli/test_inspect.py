@@ -21,6 +21,26 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn", "only_identified")
+def test_saved_settings_are_found_and_options_override_them(tvsysid, tmp_path):
+    tvsysid("simulate joint.mat --duration 20")
+    words = f"{IDENTIFY} --channel known=stiffness --torque-unit Nmm --save"
+    code, out, _ = tvsysid(f"inspect joint.mat {words}")
+    assert code == 0
+    assert "wrote joint.mat.toml; identify with\ntvsysid identify joint.mat\n" in out
+    code, out, err = tvsysid("identify joint.mat --method sds --torque-unit Nm --period 1")
+    assert (code, err) == (0, "")
+    first, second, *_ = out.splitlines()
+    assert first == "settings of joint.mat.toml; options override them"
+    assert "18 realizations of 1 s at 100 Hz" in second
+    assert "torque RMS 1.07 N·m" in second
+    (tmp_path / "joint.mat.toml").write_text("period = -1")
+    code, _, err = tvsysid("identify joint.mat")
+    assert code == 2
+    assert "joint.mat.toml: Segmentation: period must be a positive number" in err
+
+
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_inspect_diagnoses(tvsysid, tmp_path):
     tvsysid("simulate joint.mat --duration 60")

@@ -22,6 +22,7 @@ from tvsysid.explorer.page import page, result, shown
 from tvsysid.explorer.settings import Settings, method_settings, method_text, settings_from
 from tvsysid.methods.settings import split_settings
 from tvsysid.recordings import Reading, Segmentation
+from tvsysid.recordings.saved import saved_settings, settings_file
 
 CUTTING = Segmentation(period=2.0, decimate=100.0)
 
@@ -184,6 +185,14 @@ def test_an_outcome_in_words_in_a_picture_and_in_numbers(found):
     }
     assert all(each.lstrip().startswith(b"<?xml") for each in pictures)
     assert len(pictures) == 3
+
+
+def test_settings_are_saved_beside_the_file(file):
+    assert "my ankle.npz.toml" in page(start(file), {"pos": "pos"})
+    result(FORM | {"save": "on"}, start(file))
+    saved, settings = saved_settings(file), settings_from(FORM, start(file))
+    assert saved == attrs.asdict(settings.reading) | attrs.asdict(settings.cutting)
+    settings_file(file).unlink()
 
 
 def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, recording, tmp_path):

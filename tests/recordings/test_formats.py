@@ -43,10 +43,13 @@ def test_contradictions_to_what_a_file_states_warn(file):
         assert (channel.unit, channel.sampling_rate) == ("", None)
         return
     assert channel.sampling_rate == 200.0
+    with refused("sampling_rate is missing; add --rate 200, which the file states"):
+        read(file, None)
     with pytest.warns(tv.DataQualityWarning, match="states 200 Hz, you gave 500 Hz"):
         assert read(file, 500.0).sampling_rate == 500.0
     if file.suffix not in (".mat", ".npz"):
-        with pytest.warns(tv.DataQualityWarning, match="'rad' for pos, but it is read in deg"):
+        message = "'rad' for pos, but it is read in deg; add --angle-unit rad"
+        with pytest.warns(tv.DataQualityWarning, match=message):
             read(file, angle_unit="deg")
 
 

@@ -9,11 +9,11 @@ import warnings
 from importlib import import_module
 from io import TextIOWrapper
 
-from cyclopts import App, CycloptsError, Parameter, default_name_transform
+from cyclopts import App, CycloptsError, Parameter
 
 from tvsysid import __version__
 from tvsysid.cli.console import errors, output, remark
-from tvsysid.cli.options import NAMES
+from tvsysid.cli.options import option_name, use_saved_settings
 from tvsysid.errors import DataQualityWarning, InputError
 
 COMMANDS = (
@@ -33,11 +33,12 @@ app = App(
     console=output,
     error_console=errors,
     default_parameter=Parameter(
-        name_transform=lambda name: NAMES.get(name) or default_name_transform(name),
+        name_transform=option_name,
         negative_iterable=(),
         allow_repeating=True,  # the last one counts
-        show_default=lambda value: str(value) if value else None,
+        show_default=lambda value: str(value) if value and value is not True else None,
     ),
+    config=use_saved_settings,
     suppress_keyboard_interrupt=False,
     result_action="return_value",
 )

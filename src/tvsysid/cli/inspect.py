@@ -26,6 +26,7 @@ def inspect(
     *,
     reading: ReadingOptions = Reading(),
     segmentation: SegmentationOptions = Segmentation(),
+    save: Flag = False,
     plot: Path | None = None,
     diagnose: Flag = False,
     reference: str | None = None,
@@ -60,6 +61,9 @@ def inspect(
         MAT (any version, with structures, nldat or segdat objects), CSV or TSV, NPZ, HDF5, NetCDF,
         NWB, Motion-BIDS, Parquet (`tvsysid[parquet]`), C3D (`tvsysid[c3d]`), EDF or BDF
         (`tvsysid[edf]`).
+    save
+        Write the options to FILE.toml beside the file, where `identify`, `plan`, `inspect` and
+        `explore` find them; what is typed overrides them.
     plot
         Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]
     diagnose
@@ -69,8 +73,9 @@ def inspect(
     reference
         Channel (of --channel) with the disturbance that was applied, to look for a closed loop.
     """
-    from tvsysid.figures import recorded_channels, save
-    from tvsysid.recordings import describe_file
+    from tvsysid import figures
+    from tvsysid.recordings import describe_file, read_recording
+    from tvsysid.recordings.saved import save_settings
     from tvsysid.recordings.write import checked
 
     default = Path("tvsysid-inspect") / f"{file.name}.png"
@@ -79,13 +84,17 @@ def inspect(
     records = [{"name": name, "content": each.described} for name, each in channels.items()]
     show_table(file.name, records, {"channel": "name", "content": "content"})
     try:
-        save(recorded_channels(channels, file.name), picture)
+        figures.save(figures.recorded_channels(channels, file.name), picture)
         say(f"wrote {picture}")
     except InputError as error:
         remark("note", str(error))
+    if save:
+        read_recording(file, reading)  # warns where the file states something else
+        settings = save_settings(file, reading, segmentation)
+        say(f"wrote {settings}; identify with\ntvsysid identify {shlex.quote(str(file))}")
     if diagnose:
         _show_diagnosis(file, picture.parent, reading, segmentation, reference)
-    else:
+    elif not save:
         _show_next(file, channels)
 
 

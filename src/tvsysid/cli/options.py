@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import attrs
-from cyclopts import Parameter
+from cyclopts import App, ArgumentCollection, Parameter, default_name_transform
 
+from tvsysid.cli.console import say
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
 
 NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration", "snr_db": "snr"}
@@ -32,6 +34,11 @@ class Workers:
     scheduler: str | None = None
 
 
+def option_name(name: str) -> str:
+    """Return the name of the option for a parameter or a setting."""
+    return NAMES.get(name) or default_name_transform(name)
+
+
 Flag = Annotated[bool, Parameter(negative=())]
 Flattened = Parameter(name="*")  # each field of a class is an option
 ReadingOptions = Annotated[Reading, Flattened]
@@ -46,6 +53,28 @@ Methods = Annotated[
         "Repeatable; `tvsysid methods` lists the methods.",
     ),
 ]
+
+
+def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Take options that were not typed from FILE.toml beside the recording, and say so."""
+    from cyclopts.config import Dict
+
+    from tvsysid.recordings.saved import saved_settings, settings_file
+
+    options = {argument.name: argument for argument in arguments}
+    typed = [
+        token for name in ("FILE", "--pilot") if name in options for token in options[name].tokens
+    ]
+    if not typed or "--angle" not in options:
+        return
+    file = Path(typed[0].value)
+    if saved := saved_settings(file):
+        saved["channels"] = [f"{own}={name}" for own, name in saved.get("channels", {}).items()]
+        named = {option_name(name): value for name, value in saved.items()}
+        Dict(named, source=str(settings_file(file)), use_commands_as_keys=False)(
+            app, commands, arguments
+        )
+        say(f"settings of {settings_file(file)}; options override them")
 
 
 def rate_options(rate: float | None) -> str:

@@ -18,6 +18,7 @@ from tvsysid.explorer.settings import Settings, method_settings, settings_from
 from tvsysid.methods import describe, key_of, names
 from tvsysid.methods.settings import split_settings
 from tvsysid.recordings.reading import AngleUnit, Columns, TorqueUnit
+from tvsysid.recordings.saved import save_settings
 
 QUANTITIES = ("stiffness", "viscosity", "inertia", "reflex_gain")
 UNITS_AND_COLUMNS = {
@@ -71,6 +72,8 @@ def result(form: Mapping[str, str], start: Settings) -> str:
     try:
         settings = settings_from(form, start)
         found = outcome(settings, form["quantity"], form["band"] == "simultaneous")
+        if "save" in form and isinstance(settings.source, Path):
+            save_settings(settings.source, settings.reading, settings.cutting)
     except Exception as error:  # a user's method may raise anything
         text = str(error) if isinstance(error, InputError) else f"Error: {describe_error(error)}"
         return _templates().get_template("result.html").render(error=text)

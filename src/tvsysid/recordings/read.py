@@ -21,10 +21,11 @@ from tvsysid.signals import Array, Recording
 MAX_ANGLE_RMS_RAD = 0.2  # about the mean; more is probably in degrees
 RATE_TOLERANCE = 1e-3  # relative: files round their rates
 UNITS = {  # factor to rad or N·m, and how files spell the unit
-    "rad": (1.0, r"rad(ians?)?"),
-    "deg": (math.pi / 180, r"deg(rees?)?|°"),
-    "Nm": (1.0, r"nm|newtonmet(er|re)s?"),
-    "Nmm": (1e-3, r"nmm|newtonmillimet(er|re)s?"),
+    "angle": {"rad": (1.0, r"rad(ians?)?"), "deg": (math.pi / 180, r"deg(rees?)?|°")},
+    "torque": {
+        "Nm": (1.0, r"nm|newtonmet(er|re)s?"),
+        "Nmm": (1e-3, r"nmm|newtonmillimet(er|re)s?"),
+    },
 }
 
 
@@ -201,7 +202,12 @@ def _read_signals(
     file: Path, reading: Reading
 ) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
     """Return channels and values of the signals of a recording, and where its trials start."""
-    found, names = describe_file(file), reading.names
+    found = describe_file(file)
+    rates = {found[name].sampling_rate for name in (reading.angle, reading.torque) if name in found}
+    if reading.sampling_rate is None and len(rates) == 1 and None not in rates:
+        rate = f"{rates.pop():g}, which the file states"
+        raise InputError(f"sampling_rate is missing; add --rate {rate}")
+    names = reading.names
     if missing := [name for name in names.values() if name not in found]:
         raise InputError(f"no channel {missing[0]!r}; it holds {_listed(found) or 'nothing'}")
     channels = {own: found[name] for own, name in names.items()}
@@ -247,8 +253,8 @@ def _recording(
 ) -> Recording:
     """Return the recording of signals of shape (time,), by their names in the recording."""
     return Recording(
-        angle=signals["angle"] * UNITS[reading.angle_unit][0],
-        torque=signals["torque"] * (reading.torque_sign * UNITS[reading.torque_unit][0]),
+        angle=signals["angle"] * UNITS["angle"][reading.angle_unit][0],
+        torque=signals["torque"] * (reading.torque_sign * UNITS["torque"][reading.torque_unit][0]),
         sampling_rate=reading.sampling_rate or math.nan,
         start=reading.start,
         channels={name: signals[name] for name in reading.channels},
@@ -271,10 +277,12 @@ def _doubts(
     for own, unit in (("angle", reading.angle_unit), ("torque", reading.torque_unit)):
         stated = channels[own].unit
         plain = re.sub(r"[\s·⋅.*\-_()\[\]]", "", stated.lower())
-        if stated and not re.fullmatch(UNITS[unit][1], plain):
+        known = [each for each, (_, word) in UNITS[own].items() if re.fullmatch(word, plain)]
+        if stated and unit not in known:
+            remedy = f"add --{own}-unit {known[0]}" if known else "convert it"
             yield (
-                f"the file states the unit {stated!r} for {names[own]}, but it is read in "
-                f"{unit}; give its unit (--{own}-unit), or convert it"
+                f"the file states the unit {stated!r} for {names[own]}, but it is read in {unit}; "
+                f"{remedy}"
             )
     size = float(np.std(recording.angle))
     if size > MAX_ANGLE_RMS_RAD:

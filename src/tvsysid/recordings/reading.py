@@ -117,8 +117,8 @@ class Reading:
         for name in ("angle", "torque", "sampling_rate"):
             if getattr(self, name) is None:
                 raise InputError(
-                    f"{name} is missing; give it (--{OPTION_NAMES.get(name, name)}). `tvsysid "
-                    "inspect FILE` lists the channels of a file"
+                    f"{name} is missing; add --{OPTION_NAMES.get(name, name)}. `tvsysid inspect "
+                    "FILE` lists the channels of a file"
                 )
         return {"angle": str(self.angle), "torque": str(self.torque), **self.channels}
 

@@ -104,7 +104,7 @@ def test_a_toml_file_says_the_same(tmp_path):
         ),
         (
             {"reading": {"angle": "pos", "torque": "tq"}},
-            r"sampling_rate is missing; give it",
+            r"sampling_rate is missing; add --rate",
         ),
         (
             {"preparation": {"ratee": 1}},

@@ -1,0 +1,61 @@
+"""Keep how a recording is read and cut beside its file, in FILE.toml."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from tvsysid.errors import InputError
+from tvsysid.recordings.reading import Reading, Segmentation
+
+
+def settings_file(file: Path) -> Path:
+    """Return the path of a recording's settings: ``ankle.mat.toml`` beside ``ankle.mat``."""
+    return file.with_name(f"{file.name}.toml")
+
+
+def save_settings(file: Path, reading: Reading, segmentation: Segmentation) -> Path:
+    """Write the settings of a recording beside its file, and return their path.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "ankle.mat")
+    ...     _ = save_settings(file, Reading(angle="pos", torque="tq"), Segmentation(period=2.0))
+    ...     saved_settings(file)["period"]
+    2.0
+    """
+    import tomli_w  # noqa: PLC0415  # the command line must start quickly
+
+    from tvsysid.recordings.write import whole_file  # noqa: PLC0415  # as above
+
+    settings = attrs.asdict(reading) | attrs.asdict(segmentation)
+    text = tomli_w.dumps({name: value for name, value in settings.items() if value is not None})
+    with whole_file(settings_file(file)) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return settings_file(file)
+
+
+def saved_settings(file: Path) -> dict[str, Any]:
+    """Return the settings that were saved beside a recording, by name; none if there are none.
+
+    Raises
+    ------
+    InputError
+        If they cannot be read, or are no valid settings.
+    """
+    path = settings_file(file)
+    if not path.is_file():
+        return {}
+    try:
+        settings = tomllib.loads(path.read_text(encoding="utf-8"))
+        own = {name: settings[name] for name in attrs.fields_dict(Reading) if name in settings}
+        Reading(**own)
+        Segmentation(**{name: settings[name] for name in settings.keys() - own.keys()})
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: {error}; correct it, or delete it") from error
+    return settings

@@ -51,7 +51,7 @@ Items = Iterator[tuple[str, Any]]
 
 DATA = Path(os.environ.get("TVSYSID_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 # Variables that differ from run to run
-TIMINGS = {"seconds", "other_seconds", "stage_seconds", "stage", "digest"}
+TIMINGS = {"seconds", "stage_seconds", "stage", "digest"}
 # Dimensions of study results that become part of the path
 SPLIT_AXES = ("method_key", "analysis", "quantity")
 SCHEDULED = ["lpv", "lpvkbi"]  # methods that need a scheduling variable

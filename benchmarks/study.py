@@ -58,8 +58,7 @@ def timed(study: tv.study.Study, workers: int) -> tuple[xr.Dataset, float, int]:
 def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
     """A row for each stage, summed over all workers."""
     simulated = float(results.duration_s.sum()) * results.sizes["trial"]
-    spent = {"simulation and scoring": float(results.other_seconds.sum())}
-    spent |= results.seconds.sum(["scenario", "trial"]).to_series().to_dict()
+    spent = results.seconds.sum(["scenario", "trial"]).to_series().to_dict()
     table = Table(
         title=title, title_justify="left", caption="times of all workers, but for the last row"
     )
@@ -67,7 +66,7 @@ def stages_table(results: xr.Dataset, seconds: float, title: str) -> Table:
     for heading in ("s", "share, %", "simulated seconds per second"):
         table.add_column(heading, justify="right")
     total = sum(spent.values())
-    for name, time_spent in [*spent.items(), ("all of these", total)]:
+    for name, time_spent in [*spent.items(), ("identification", total)]:
         rate = f"{simulated / time_spent:,.0f}"
         table.add_row(name, f"{time_spent:.1f}", f"{100 * time_spent / total:.0f}", rate)
     table.add_row("from start to end", f"{seconds:.1f}", "", f"{simulated / seconds:,.0f}")

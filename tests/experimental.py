@@ -94,7 +94,6 @@ def results_of(
             ),
             "vaf": (("recording", "analysis", "bootstrap"), whole, {"units": "%"}),
             "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
-            "parameters": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], 30.0)),
             "seconds": (("recording", "analysis", "bootstrap"), seconds),
             "warnings": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], "", object)),
             "failure": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], "", object)),
@@ -149,7 +148,7 @@ def fail(results, reason, recording=None, analysis=None):
         for name, label in (("recording", recording), ("analysis", analysis))
         if label is not None
     }
-    for name in ("estimate", "time_varying_vaf", "vaf", "bandpassed_vaf", "parameters", "seconds"):
+    for name in ("estimate", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds"):
         results[name].loc[at] = np.nan
     results["failure"].loc[at] = reason
     if analysis is None:

@@ -15,13 +15,6 @@ def study_of(toy, **changes):
     return tv.study.Study(**settings)
 
 
-def identified(toy):
-    """Model of a toy's own second trial, and what it was identified from."""
-    study = study_of(toy)
-    ensemble, _ = tv.study.trials.draw(study, study.scenarios[0], 1)
-    return toy().identify(ensemble), ensemble
-
-
 @every_toy
 def test_takes_part_in_a_benchmark(toy, tmp_path):
     tv.study.run(study_of(toy), folder=tmp_path, workers=1)
@@ -33,23 +26,10 @@ def test_takes_part_in_a_benchmark(toy, tmp_path):
         found = own.estimate.sel(quantity=name)
         error = np.sqrt(np.nanmean((found - truth.isel(scenario=0).sel(quantity=name)) ** 2))
         assert error < 1.5 * ERROR[name], name
-    assert (own.vaf.sel(statistic="mean") > 80).all()
-    model, ensemble = identified(toy)
+    assert (own.vaf > 80).all()
     if toy is Cascade:
-        assert (own.pathway_vaf.sel(statistic="mean") > 80).all()
-        for name, torque in model.pathways(ensemble).items():
-            stored = own.pathway_torque.sel(trial=1, pathway=name)
-            np.testing.assert_allclose(stored, np.sqrt(np.nanmean(torque**2, axis=0)), rtol=1e-12)
-        assert np.isnan(other.pathway_torque).all()  # it has one
-    if toy is Scheduled:
-        curve = model.estimates["stiffness_at_emg"]
-        stored = own.sel(trial=1, scheduled="stiffness_at_emg")
-        np.testing.assert_array_equal(stored.scheduled_estimate, curve.values)
-        np.testing.assert_array_equal(stored.scheduled_standard_error, curve.standard_error.values)
-        np.testing.assert_array_equal(stored.scheduling_variable, model.coordinates["emg"])
-        assert np.isnan(other.scheduled_estimate).all()
-    else:
-        assert "scheduled" not in results.dims
+        assert (own.pathway_vaf > 80).all()
+        assert np.isnan(other.pathway_vaf).all()  # it has one
     if toy in (Cascade, Instrumental):
         assert np.isfinite(own.covered.sel(quantity="stiffness")).all()
     table = tv.study.summarize(tv.study.score(results))
@@ -96,13 +76,7 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
     for name in toy.names:
         assert np.isfinite(own.estimate.sel(quantity=name)).mean() > 0.9
     assert (own.vaf > 80).all()
-    if toy is Scheduled:
-        curves = own.sel(scheduled="stiffness_at_emg")
-        for rising in (curves.scheduled_estimate, curves.scheduling_variable):
-            assert (np.diff(rising, axis=1) > 0).all()
-    if toy is Cascade:
-        assert np.isfinite(own.pathway_torque).mean() > 0.8
-        assert np.isnan(own.pathway_vaf).all()  # of a recording, nobody knows them
+    assert "pathway_vaf" not in results  # of a recording, nobody knows the pathways' torques
 
 
 @pytest.mark.slow

@@ -46,9 +46,8 @@ def test_coverage_includes_edges_and_leaves_out_times_without_band():
     assert np.isnan(metrics.coverage([[nan]], [[1.0]], [0.0]))
 
 
-def test_times_without_estimate_are_left_out_and_counted():
+def test_times_without_estimate_are_left_out():
     estimates = np.array([[np.nan, 1.0, 3.0, np.nan], [np.nan, 2.0, 3.0, 5.0]])
-    assert metrics.left_out(estimates) == 2
     assert metrics.bias_error(estimates, np.zeros(4)) == metrics.bias_error(
         estimates[:, 1:3], np.zeros(2)
     )

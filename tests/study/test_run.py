@@ -1,7 +1,6 @@
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-import attrs
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,8 +8,6 @@ from tests.study.conftest import SMALL, TIMES, Mine
 
 import tvsysid as tv
 from tvsysid.study import Study, plan, run
-from tvsysid.study.tasks import run_task
-from tvsysid.study.trials import tasks_of
 
 
 def same(one, other):
@@ -24,7 +21,7 @@ def test_results_are_labelled_and_whole(results):
         == ("scenario", "trial", "method_key", "quantity", "time")
     )
     assert results.truth.dims == ("scenario", "quantity", "time")
-    assert results.vaf.dims == ("scenario", "trial", "method_key", "statistic")
+    assert results.vaf.dims == ("scenario", "trial", "method_key")
     assert results.sizes["time"] == 200
     assert results.unit.values.tolist() == ["N m/rad", "N m s/rad", "kg m2"]
     for name, values in results.data_vars.items():
@@ -39,7 +36,6 @@ def test_results_are_labelled_and_whole(results):
         cell.truth.sel(quantity="stiffness"), tv.simulate.SquareWave()(results.time.values)
     )
     assert (cell.perturbation, cell.duration_s) == ("prbs", 60)
-    assert (results.vaf.sel(statistic="lowest") < results.vaf.sel(statistic="mean")).all()
 
 
 def test_a_trial_is_what_its_parts_give(results):
@@ -61,11 +57,9 @@ def test_a_trial_is_what_its_parts_give(results):
         own = found.sel(quantity=name)
         lower, upper = estimate.band(0.95)
         np.testing.assert_array_equal(own.estimate, estimate.values)
-        np.testing.assert_array_equal(own.standard_error, estimate.standard_error.values)
         np.testing.assert_array_equal(own.covered, (lower <= own.truth) & (own.truth <= upper))
     vaf = tv.metrics.vaf(torque, model.predict(ensemble))
-    np.testing.assert_allclose(found.vaf, [vaf.mean(), vaf.std(), vaf.min()], rtol=1e-12)
-    assert found.parameters == model.diagnostics.parameters
+    np.testing.assert_allclose(found.vaf, vaf.mean(), rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -95,10 +89,7 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
 @pytest.mark.usefixtures("quick_workers")
 def test_a_worker_that_dies_is_reported(tmp_path):
     settings = {"duration_s": 40, "trials": 3, "perturbation": "prbs"}
-    with pytest.raises(
-        tv.InputError,
-        match=r"the worker of .*square.* by sds, Mine\(.*\) failed .*It crashed",
-    ):
+    with pytest.raises(tv.InputError, match=r"a worker failed .*It crashed"):
         run(Study(**settings, methods=["sds", Mine("dies")]), workers=2, folder=tmp_path)
 
 
@@ -116,27 +107,14 @@ def test_a_method_that_cannot_be_pickled_is_refused():
         run(Study(**SMALL | {"methods": [method]}), workers=2)
 
 
-def test_a_worker_with_other_software_is_refused():
-    study = Study(duration_s=40, trials=1, methods="sds")
-    sent = attrs.evolve(tasks_of(study)[0], versions={"numpy": "1.0"})
-    with pytest.raises(tv.InputError, match="a worker has other software"):
-        run_task(sent)
-
-
-def test_a_plan_tells_time_and_size():
-    study = Study(duration_s=[40, 80], trials=5, methods="sds")
-    told = plan(study)
-    assert told.identifications == 20
-    assert 0 < told.work_s < 60
-    # Estimates, standard errors, coverage and truth of three quantities, and the VAF.
-    over_time = 3 * 4 + 1
-    assert 20 * over_time * 200 * 8 < told.size_bytes < 20 * (over_time + 1) * 200 * 8
+def test_a_plan_tells_number_and_time():
+    identifications, seconds = plan(Study(duration_s=[40, 80], trials=5, methods="sds"))
+    assert identifications == 20
+    assert 0 < seconds < 60
 
 
 def test_an_executor_that_was_shut_down_gives_up_plainly():
     executor = ThreadPoolExecutor(1)
     executor.shutdown()
-    with pytest.raises(
-        tv.InputError, match=r"the worker of .* failed .*Run the same command again"
-    ):
+    with pytest.raises(tv.InputError, match=r"a worker failed .*Run the same command again"):
         run(Study(duration_s=40, trials=1, methods="sds"), executor=executor)

@@ -133,7 +133,7 @@ def test_each_pathway_is_scored():
     table = table[table.metric == "pathway_vaf"].set_index(["method", "quantity"])
     assert list(table.index) == [("Halves", "intrinsic"), ("Halves", "reflex")]
     assert set(table.unit) == {"%"}
-    expected = found.pathway_vaf.sel(method_key="Halves", statistic="mean").mean("trial").values[0]
+    expected = found.pathway_vaf.sel(method_key="Halves").mean("trial").values[0]
     np.testing.assert_allclose(table.value, expected)
     assert (table.standard_error > 0).all()
 
@@ -150,7 +150,7 @@ def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
     ]
     run(study, tmp_path, workers=1)
     found = read_results(tmp_path)
-    there = np.isfinite(found.vaf.sel(statistic="mean", trial=0)).values
+    there = np.isfinite(found.vaf.sel(trial=0)).values
     np.testing.assert_array_equal(
         there, [[True, True, False], [False, True, True], [True, True, False]]
     )

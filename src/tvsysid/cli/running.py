@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import errors, remark, say, shown_progress
+from tvsysid.cli.console import errors, say, shown_progress
 from tvsysid.cli.options import Workers
 from tvsysid.errors import InputError
 
@@ -49,15 +49,12 @@ def show_plan(
     from tvsysid.study import cores, plan
 
     with errors.status("timing a draw of each case"):
-        expected = plan(study, prepared)
-    minutes = expected.work_s / (workers.workers or cores()) / 60
+        identifications, seconds = plan(study, prepared)
+    minutes = seconds / (workers.workers or cores()) / 60
     say(
-        f"methods: {', '.join(study.named_methods)}\n{draws}: {expected.identifications:,} "
-        f"identifications\nabout {minutes:,.1f} min, beside the start and the figures, and "
-        f"{expected.size_bytes / 1e6:,.1f} MB of results; nothing was run"
+        f"methods: {', '.join(study.named_methods)}\n{draws}: {identifications:,} identifications\n"
+        f"about {minutes:,.1f} min, beside the start and the figures; nothing was run"
     )
-    for label, reason in expected.failures.items():
-        remark("error", f"{label} fails: {reason}")
     return 0
 
 

@@ -5,7 +5,6 @@ from tvsysid.metrics.errors import (
     bias_error,
     coverage,
     debiased_bias_error,
-    left_out,
     mean_bias,
     random_error,
     rise_time,

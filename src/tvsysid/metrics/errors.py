@@ -68,17 +68,6 @@ def _square_of_mean(errors: Array, weights: ArrayLike | None) -> Array:
     return np.asarray(np.mean(np.square(weighted_mean(errors, weights)), axis=-1))
 
 
-def left_out(estimates: ArrayLike) -> int:
-    """Count the times that the errors leave out, as some trial of (trial, time) is NaN there.
-
-    Examples
-    --------
-    >>> left_out([[np.nan, 1.0, 2.0], [np.nan, 1.0, np.nan]])
-    2
-    """
-    return int(np.count_nonzero(~np.isfinite(_checked(estimates)[0]).all(axis=0)))
-
-
 def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:
     r"""Return the root mean square over time of the mean estimate's error.
 

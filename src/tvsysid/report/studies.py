@@ -123,12 +123,9 @@ def common(
     asked = results.asked if "asked" in results else True
     failed = int((results.failure != "").sum())
     tried = int(((results.failure == results.failure) & asked).sum())
-    seconds = sum(
-        float(results[name].sum()) for name in ("seconds", "other_seconds") if name in results
-    )
     rows: dict[str, object] = {
         **{name.replace("_", " "): in_words(value) for name, value in settings.items()},
-        "computing time": f"{round(seconds):,} s on one core",
+        "time of identification": f"{round(float(results.seconds.sum())):,} s on one core",
         "failed identifications": f"{failed} of {tried}",
         **{f"version of {name}": each for name, each in settings_of(results, "versions").items()},
         "machine": results.attrs.get("machine", "unknown"),

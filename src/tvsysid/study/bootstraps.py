@@ -7,14 +7,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tvsysid.errors import InputError, printable
+from tvsysid.errors import InputError, one_line
 from tvsysid.preprocess import bootstrap_weights
 from tvsysid.signals import Array, Ensemble
 from tvsysid.study.dataset import EXPERIMENT, dataset_of
-from tvsysid.study.experiment import Experiment
-from tvsysid.study.measure import AXES, Scores, Truth, at, over
+from tvsysid.study.experiment import Analysis, Experiment
+from tvsysid.study.measure import Scores, Truth, stack
 from tvsysid.study.prepared import Prepared
 from tvsysid.study.tasks import Task
 
@@ -26,99 +25,79 @@ STEPS = {"alignment": "alignment", "task": "task component", "residual": "residu
 
 
 def draw(
-    ensemble: Ensemble, pathways: Mapping[str, Array], weights: NDArray[np.int64], number: int
+    ensemble: Ensemble, pathways: Mapping[str, Array], analysis: Analysis, seed: int, number: int
 ) -> tuple[Ensemble, Truth]:
     """Return the realizations of a bootstrap; models are compared with their recorded torque.
 
-    Parameters
-    ----------
-    ensemble, pathways
-        All realizations, and the noiseless torque of each pathway, if it is known.
-    weights
-        How often each realization is in each draw, shape (draw, realization).
+    ``ensemble`` and ``pathways`` are all realizations, and the noiseless torque of each pathway, if
+    it is known.
     """
-    chosen = np.repeat(np.arange(len(ensemble)), weights[number])
+    count, is_block = len(ensemble), analysis.method.contiguous
+    weights = bootstrap_weights(count, analysis.realizations, number + 1, seed, is_block)
+    chosen = np.repeat(np.arange(count), weights[number])
     drawn = ensemble.select(chosen)
     parts = {name: torque[chosen] for name, torque in pathways.items()}
     return drawn, Truth(np.asarray(drawn.torque[:, drawn.core]), pathways=parts)
 
 
-def tasks_of(
-    experiment: Experiment, prepared: Sequence[Prepared]
-) -> tuple[list[Task], list[Scores]]:
-    """Return a task for each recording and analysis, and the failures of those that cannot be done.
+def tasks_of(experiment: Experiment, prepared: Sequence[Prepared]) -> list[Task]:
+    """Return a task for each analysis of a recording that can be used.
 
     The last methods take longest and come first.
     """
-    if [item.recorded for item in prepared] != list(experiment.recordings):
-        raise InputError(
-            "run: the recordings prepared are not the experiment's; give what "
-            "prepared_recordings(experiment) returns"
-        )
-    tasks: list[Task] = []
-    failed: list[Scores] = []
-    draws = range(experiment.bootstraps)
+    tasks = []
     for analysis in reversed(experiment.analyses):
         for item in prepared:
-            label, size = item.recorded.label, analysis.realizations
-            try:
-                if item.ensemble is None:
-                    raise InputError(item.failure)
-                seed = experiment.seed_of(item.recorded, size)
-                weights = bootstrap_weights(
-                    len(item.ensemble), size, len(draws), seed, analysis.method.contiguous
+            seed = experiment.seed_of(item.recorded, analysis.realizations)
+            if item.ensemble is not None:
+                task = Task(
+                    case=item.recorded.label,
+                    draw=partial(draw, item.ensemble, item.pathways, analysis, seed),
+                    draws=range(experiment.bootstraps),
+                    methods={analysis.label: analysis.method},
+                    depends_on=(item.digest, seed),
                 )
-            except InputError as error:
-                text, place = over(failure=printable(str(error))), {"analysis": analysis.label}
-                failed += [at(text, recording=label, bootstrap=each, **place) for each in draws]
-                continue
-            task = Task(
-                axes=AXES[1],
-                case=label,
-                draw=partial(draw, item.ensemble, item.pathways, weights),
-                draws=draws,
-                methods={analysis.label: analysis.method},
-                depends_on=(item.digest, weights.tobytes()),
-            )
-            tasks.append(task)
-    return tasks, failed
+                tasks.append(task)
+    if not tasks:
+        raise InputError(f"run: no recording can be used: {prepared[0].failure}")
+    return tasks
 
 
 def results_of(
-    experiment: Experiment, prepared: Sequence[Prepared], scores: Iterable[Scores]
+    experiment: Experiment, prepared: Sequence[Prepared], measured: Iterable[tuple[Task, Scores]]
 ) -> xr.Dataset:
     """Return the results of all analyses, and what became of each recording."""
-    recordings, analyses = experiment.recordings, experiment.analyses
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    recordings, analyses = [item.recorded for item in prepared], experiment.analyses
     coordinates = {
         "recording": ("recording", [each.label for each in recordings]),
-        "participant": ("recording", [each.participant for each in recordings]),
-        "perturbation": ("recording", [each.perturbation for each in recordings]),
         "bootstrap": ("bootstrap", range(experiment.bootstraps)),
         "analysis": ("analysis", [each.label for each in analyses]),
+        "participant": ("recording", [each.participant for each in recordings]),
+        "perturbation": ("recording", [each.perturbation for each in recordings]),
         "method_key": ("analysis", [each.name for each in analyses]),
         "realizations": ("analysis", [each.realizations for each in analyses]),
     }
-    truths = [
-        at(over("time", truth=values), recording=item.recorded.label, quantity=name)
-        for item in prepared
-        for name, values in {"stiffness": np.nan * item.mean_torque, **item.truth}.items()
-    ]
     period, rate = experiment.preparation["period"], experiment.preparation["rate"]
     about = {"title": EXPERIMENT, "experiment": experiment.to_json()}
-    results = dataset_of([*scores, *truths], coordinates, period, rate, **about)
-    results = results.sel(statistic="mean", drop=True).transpose("recording", "analysis", ...)
-    facts = [_preparation_of(item) for item in prepared]
-    for name in facts[0]:
-        values = np.array([each[name] for each in facts])
+    results = dataset_of(measured, coordinates, period, rate, **about)
+    for name, values in stack([_preparation_of(item) for item in prepared]).items():
         results[name] = ("recording", "time")[: values.ndim], values
-    return results
+    reasons = xr.DataArray([one_line(item.failure) for item in prepared], dims="recording")
+    results["failure"] = results.failure.where(results.survivors > 0, reasons)
+    nothing = {"stiffness": np.full_like(results.time, np.nan)}
+    truth = stack([nothing | dict(item.truth) for item in prepared])
+    known = {name: (("recording", "time"), values) for name, values in truth.items()}
+    results["truth"] = xr.Dataset(known).to_array("quantity").transpose("recording", ...)
+    return results.transpose("recording", "analysis", ...)
 
 
 def _preparation_of(prepared: Prepared) -> dict[str, Any]:
     """Return what became of a recording, by the names of variables."""
     preparation, ensemble = prepared.preparation, prepared.ensemble
     excluded_by = [] if preparation is None else preparation.table.excluded_by.tolist()
-    return {
+    counts = {
         "recorded": len(excluded_by),
         "survivors": 0 if ensemble is None else len(ensemble),
         **{f"excluded_{name}": excluded_by.count(step) for name, step in STEPS.items()},
@@ -129,3 +108,4 @@ def _preparation_of(prepared: Prepared) -> dict[str, Any]:
         "target_torque": prepared.target_torque,
         "mean_torque": prepared.mean_torque,
     }
+    return {name: np.array(value) for name, value in counts.items()}

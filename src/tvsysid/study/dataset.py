@@ -15,8 +15,8 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import InputError
 from tvsysid.models import IMPEDANCE
 from tvsysid.recordings import whole_file
-from tvsysid.study.measure import AXES, STATISTICS, Scores, merge
-from tvsysid.study.tasks import versions
+from tvsysid.study.measure import Scores, stack
+from tvsysid.study.tasks import Task, versions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,29 +24,8 @@ if TYPE_CHECKING:
 RESULTS = "results.nc"  # file of a study's results, in its folder
 SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
 EXPERIMENT = "Experimental study of methods that identify joint impedance over time"
-VARIABLES: dict[str, tuple[str, ...]] = {
-    "truth": ("true value, in the unit of its quantity", "unit"),
-    "estimate": ("estimate, in the unit of its quantity", "unit"),
-    "standard_error": ("standard error of the estimate", "unit"),
-    "covered": ("whether the 95 % band of the estimate holds the truth", "1"),
-    "time_varying_vaf": ("variance of the torque accounted for at each time", "percent"),
-    "vaf": ("variance of the torque accounted for, over realizations", "percent"),
-    "bandpassed_vaf": ("the same after a band-pass from 1 to 10 Hz", "percent"),
-    "pathway_vaf": ("variance of each pathway's noiseless torque accounted for", "percent"),
-    "pathway_torque": (
-        "root mean square over realizations of each pathway's predicted torque at each time",
-        "N m",
-    ),
-    "scheduled_estimate": ("estimate over a measured variable", "unit"),
-    "scheduled_standard_error": ("its standard error", "unit"),
-    "scheduling_variable": ("values of the variable", "unit"),
-    "parameters": ("effective number of parameters", "1"),
-    "seconds": ("time of the identification", "s"),
-    "other_seconds": ("time of simulating, preparing and scoring a draw", "s"),
-    "warnings": ("warnings of the method",),
-    "failure": ("why the method gave no result",),
-}
-"""Meaning and unit of each variable."""
+AXES = ("scenario", "trial", "method_key"), ("recording", "bootstrap", "analysis")
+"""Dimensions along which cases, draws and methods lie, of simulations and of experiments."""
 
 
 def axes_of(results: xr.Dataset) -> tuple[str, str, str]:
@@ -55,20 +34,20 @@ def axes_of(results: xr.Dataset) -> tuple[str, str, str]:
 
 
 def dataset_of(
-    parts: Iterable[Scores],
+    measured: Iterable[tuple[Task, Scores]],
     coordinates: Mapping[str, tuple[Any, Any]],
     period: float,
     rate: float,
     **attributes: str,
 ) -> xr.Dataset:
-    """Return the scores of a study as a dataset, with units and meanings.
+    """Return the scores of a study as a dataset.
 
     Parameters
     ----------
-    parts
-        Scores of tasks.
+    measured
+        Tasks and their scores.
     coordinates
-        Dimensions and values of coordinates by name, those of cases, draws and methods among them.
+        Dimensions and values of coordinates by name, those of cases, draws and methods first.
     period, rate
         Duration of a realization in s, and sampling rate in Hz.
     attributes
@@ -76,28 +55,53 @@ def dataset_of(
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    labels = {name: values for name, (dims, values) in coordinates.items() if dims == name}
-    scores = merge(parts, {**labels, "quantity": IMPEDANCE})
-    if "unit" not in scores:
-        reasons = [*scores["failure"][1].flat, *scores["warnings"][1].flat]
-        raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
-    _, names = scores["quantity"]
-    _, texts = scores.pop("unit")
-    units = zip(names, texts.reshape(-1, len(names)).T, strict=True)
-    results = xr.Dataset(scores).drop_vars("scheduling", errors="ignore")
-    for name in VARIABLES.keys() & results.keys():
-        results[name].attrs = dict(zip(("long_name", "units"), VARIABLES[name], strict=False))
-    time = {"units": "s", "long_name": f"time within a realization of {period:g} s"}
-    further = {
-        "statistic": list(STATISTICS),
-        "time": ("time", np.arange(round(period * rate)) / rate, time),
-        "unit": ("quantity", [max(own) or UNITS.get(str(name), "") for name, own in units]),
+    cells = {
+        (task.case, draw, method): {name: values[row, column] for name, values in scores.items()}
+        for task, scores in measured
+        for row, draw in enumerate(task.draws)
+        for column, method in enumerate(task.methods)
     }
-    return results.assign_coords({**coordinates, **further}).assign_attrs(
+    axes = [*coordinates][:3]
+    cases, draws, methods = (coordinates[axis][1] for axis in axes)
+    whole = stack(
+        [
+            stack(
+                [
+                    stack([cells.get((case, draw, method), {}) for method in methods])
+                    for draw in draws
+                ]
+            )
+            for case in cases
+        ]
+    )
+    places: dict[str, dict[str, Scores]] = {"quantity": {name: {} for name in IMPEDANCE}}
+    variables = {}
+    for name, values in whole.items():
+        variable, *place = name.split(" ", 2)
+        if place:
+            axis, label = place
+            places.setdefault(axis, {}).setdefault(label, {})[variable] = values
+        else:
+            variables[variable] = [*axes, "time"][: values.ndim], values
+    for axis, parts in places.items():
+        for variable, values in stack([*parts.values()]).items():
+            variables[variable] = [axis, *axes, "time"][: values.ndim], values
+    if "unit" not in variables:
+        reasons = [*whole["failure"].flat, *whole["warnings"].flat]
+        raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
+    _, texts = variables.pop("unit")
+    units = zip(places["quantity"], texts.reshape(len(texts), -1), strict=True)
+    further = {
+        **{axis: [*labels] for axis, labels in places.items()},
+        "time": ("time", np.arange(round(period * rate)) / rate, {"units": "s"}),
+        "unit": ("quantity", [max(own) or UNITS.get(name, "") for name, own in units]),
+    }
+    results = xr.Dataset(variables, {**coordinates, **further}).assign_attrs(
         attributes,
         versions=json.dumps(versions()),
         machine=f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
     )
+    return results.transpose(*axes, *places, "time")
 
 
 def write_results(results: xr.Dataset, folder: Path) -> None:

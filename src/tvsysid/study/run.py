@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +21,7 @@ from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import Scores
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.scenarios import Study
-from tvsysid.study.tasks import Task, read_scores, run_task
+from tvsysid.study.tasks import Task, read_scores, run_task, write_scores
 from tvsysid.study.workers import run_tasks
 
 if TYPE_CHECKING:
@@ -66,26 +66,23 @@ def run(
     -------
     xarray.Dataset
         Of a simulation study over (scenario, trial, method_key) and, where it applies, quantity,
-        time, statistic (over the realizations of a trial) or pathway: ``estimate``,
-        ``standard_error``, ``covered`` (whether the 95 % band holds the truth),
-        ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (of the noiseless torque),
-        ``pathway_vaf``, ``pathway_torque`` (of several pathways), ``parameters`` (their effective
-        number), ``seconds``, ``other_seconds``, ``warnings``, ``failure`` (why there is no result,
-        or nothing), and ``truth`` over (scenario, quantity, time), with ``trial_truth`` where it
-        differs from trial to trial. Of methods that estimate something over a measured variable
-        also ``scheduled_estimate``, ``scheduled_standard_error``, ``scheduling_variable`` over
-        (scheduled, scheduling). Of an experiment over (recording, analysis), bootstrap, quantity
-        and time: the same without bands, with VAFs of the torque recorded in the realizations that
-        were drawn; and over recording: numbers of realizations and trials, ``remarks``, and over
-        time ``target_torque``, ``mean_torque`` and ``truth`` (NaN for people).
+        time or pathway: ``estimate``, ``covered`` (whether the 95 % band holds the truth),
+        ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (of the noiseless torque, means over
+        realizations), ``pathway_vaf`` (of several pathways), ``seconds``, ``warnings``,
+        ``failure`` (why there is no result, or nothing), and ``truth`` over (scenario, quantity,
+        time), with ``trial_truth`` where it differs from trial to trial. Of an experiment over
+        (recording, analysis), bootstrap, quantity and time: the same without bands, with VAFs of
+        the torque recorded in the realizations that were drawn; and over recording: numbers of
+        realizations and trials, ``remarks``, and over time ``target_torque``, ``mean_torque`` and
+        ``truth`` (NaN for people).
 
     Raises
     ------
     InputError
         If another process runs a study in the folder, a system cannot be simulated, an object
-        cannot be sent to a worker, a worker dies, or ``prepared`` does not hold the experiment's
-        recordings. A method that fails raises nothing: its results are NaN, and ``failure`` gives
-        the reason. A recording that cannot be used raises nothing: ``remarks`` gives the reason.
+        cannot be sent to a worker, a worker dies, or no recording can be used. A method that fails
+        raises nothing: its results are NaN, and ``failure`` gives the reason. One recording that
+        cannot be used raises nothing: ``remarks`` gives the reason.
 
     Examples
     --------
@@ -99,30 +96,31 @@ def run(
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
-    every, failed, results_of = _work(study, prepared)
+    tasks, results_of = _work(study, prepared)
     with ExitStack() as stack:
         kept = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
         stack.enter_context(_exclusive(kept))
-        tasks = {kept / "tasks" / task.file_name: task for task in every}
-        scores = {file: found for file in tasks if (found := read_scores(file))}
-        progress(len(scores), len(tasks))
-        missing = {file: task for file, task in tasks.items() if file not in scores}
-        for file, measured in run_tasks(missing, workers, executor):
+        files = {kept / "tasks" / task.file_name: task for task in tasks}
+        scores = {file: found for file in files if (found := read_scores(file))}
+        progress(len(scores), len(files))
+        missing = {file: task for file, task in files.items() if file not in scores}
+        for file, measured in stack.enter_context(closing(run_tasks(missing, workers, executor))):
+            write_scores(measured, file)
             scores[file] = measured
-            progress(len(scores), len(tasks))
-        results = results_of([*scores.values(), *failed])
+            progress(len(scores), len(files))
+        results = results_of((task, scores[file]) for file, task in files.items())
         write_results(results, kept)
         return results
 
 
 def _work(
     study: Study | Experiment, prepared: Sequence[Prepared]
-) -> tuple[list[Task], list[Scores], Callable[[list[Scores]], xr.Dataset]]:
-    """Return tasks, scores of recordings that cannot be used, and the function for the results."""
+) -> tuple[list[Task], Callable[[Iterable[tuple[Task, Scores]]], xr.Dataset]]:
+    """Return the tasks of a study, and the function that makes results of their scores."""
     if isinstance(study, Study):
-        return trials.tasks_of(study), [], partial(trials.results_of, study)
+        return trials.tasks_of(study), partial(trials.results_of, study)
     prepared = prepared or prepared_recordings(study)
-    return *bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
+    return bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
 
 
 @contextmanager
@@ -141,44 +139,20 @@ def _exclusive(folder: Path) -> Iterator[None]:
         ) from error
 
 
-@attrs.frozen
-class Plan:
-    """Time and disk space that a study needs.
+def plan(study: Study | Experiment, prepared: Sequence[Prepared] = ()) -> tuple[int, float]:
+    """Return the number of identifications, draws times methods, and the seconds they take.
 
-    Parameters
-    ----------
-    identifications
-        Number of identifications: draws times methods.
-    work_s
-        Time in s that one process needs for all of them.
-    size_bytes
-        Size of the results.
-    failures
-        Why methods gave no result in the draws that were timed, by label.
+    The seconds are those of one process, from one draw of each case and its methods.
     """
-
-    identifications: int
-    work_s: float
-    size_bytes: int
-    failures: dict[str, str]
-
-
-def plan(study: Study | Experiment, prepared: Sequence[Prepared] = ()) -> Plan:
-    """Estimate the time of a study from one draw of each case and its methods."""
-    tasks, _, _ = _work(study, prepared)
-    alike: dict[tuple[str, ...], list[Task]] = {}
-    for task in tasks:
-        alike.setdefault((task.case, *task.methods), []).append(task)
+    tasks, _ = _work(study, prepared)
     run_task(attrs.evolve(tasks[-1], draws=tasks[-1].draws[:1]))  # load lazy modules before timing
-    identifications, work, size = 0, 0.0, 0
-    failures: dict[str, str] = {}
-    for first, *others in alike.values():
-        started = time.perf_counter()
-        scores = run_task(attrs.evolve(first, draws=first.draws[:1]))
-        draws = sum(len(task.draws) for task in (first, *others))
-        work += draws * (time.perf_counter() - started)
-        size += draws * sum(values.nbytes for dims, values in scores.values() if len(dims) > 1)
-        identifications += draws * len(first.methods)
-        reasons = zip(first.methods, scores["failure"][1].flat, strict=True)
-        failures |= {label: str(reason) for label, reason in reasons if reason}
-    return Plan(identifications, work, size, failures)
+    seconds: dict[tuple[str, ...], float] = {}
+    for task in tasks:
+        if (kind := (task.case, *task.methods)) not in seconds:
+            started = time.perf_counter()
+            run_task(attrs.evolve(task, draws=task.draws[:1]))
+            seconds[kind] = time.perf_counter() - started
+    return (
+        sum(len(task.draws) * len(task.methods) for task in tasks),
+        sum(len(task.draws) * seconds[task.case, *task.methods] for task in tasks),
+    )

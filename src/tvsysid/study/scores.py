@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tvsysid import metrics
-from tvsysid.metrics.errors import Value
 from tvsysid.numerics import Array
 from tvsysid.study.dataset import axes_of
-from tvsysid.study.measure import at, merge, over
+from tvsysid.study.measure import Scores, stack
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,8 +31,6 @@ OF_QUANTITY = {
     "total_error": "",
     "rise_time": "s",
     "coverage": PERCENT,
-    "without_band": PERCENT,
-    "left_out": "samples",
 }
 """Unit of each metric of a quantity; empty for that of the quantity."""
 METRICS = OF_QUANTITY | {
@@ -45,8 +42,6 @@ METRICS = OF_QUANTITY | {
     "time_varying_vaf_sd": POINTS,
     "time_varying_vaf_sd_soft": POINTS,
     "time_varying_vaf_sd_stiff": POINTS,
-    "coverage_at_switch": PERCENT,
-    "coverage_away": PERCENT,
     "failed": "draws",
     "seconds": "s",
 }
@@ -79,10 +74,8 @@ def score(results: xr.Dataset) -> xr.Dataset:
         minus that within 0.05 s of one; ``time_varying_vaf_sd`` is its standard deviation over
         trials, averaged over time, ``..._soft`` and ``..._stiff`` over times of less and more than
         the mean stiffness. ``coverage`` is the share of times and trials at which the 95 % band
-        holds the truth, of those that have a band; ``without_band`` is the share that has none;
-        ``coverage_at_switch`` and ``coverage_away`` (square wave) are the former within 0.05 s of a
-        switch and 0.3 s and more from one. ``left_out`` counts times without an estimate;
-        ``failed`` counts trials; ``seconds`` is the mean time an identification took.
+        holds the truth, of those that have a band. ``failed`` counts trials; ``seconds`` is the
+        mean time an identification took.
 
     References
     ----------
@@ -91,136 +84,121 @@ def score(results: xr.Dataset) -> xr.Dataset:
     import xarray as xr  # noqa: PLC0415  # heavy
 
     case, draw, method = axes_of(results)
-    resampled, count = draw == "bootstrap", results.sizes[draw]
-    chosen = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), size=DRAWS)
-    draws = results.isel(statistic=0, missing_dims="ignore")
+    count, shape = results.sizes[draw], (results.sizes[case], results.sizes[method])
+    replicates = DRAWS if draw == "trial" else 0
+    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), replicates)
+    weights = np.vstack([np.ones(count), drawn])
+    draws = results
     if "trial_truth" in draws:  # an error is added to the mean truth
         draws = draws.assign(estimate=draws.estimate - (draws.trial_truth - draws.truth))
-    parts = []
-    for row, column in np.ndindex(draws.sizes[case], draws.sizes[method]):
-        own = draws.isel({case: row, method: column})
-        asked, failed = bool(own.coords.get("asked", True)), own.failure.values != ""
-        used = asked & ~failed
-        own = own.isel({draw: used})
-        found = {"failed": np.sum(asked & failed), **_metrics(own, resampled)}
-        part = over("metric", metric=[*found], value=[*found.values()])
-        if not resampled:
-            weights = chosen[:, used].astype(np.float64)
-            drawn = _metrics(own, resampled, weights) if used.sum() > 1 else {}
-            nothing = np.full(DRAWS, np.nan)
-            replicates = [drawn.get(name, nothing) for name in found]
-            part |= over("metric", "draw", replicates=replicates)
-        part |= over(**{f"{draw}s": used.sum()})
-        parts.append(at(part, **{case: own[case].item(), method: own[method].item()}))
-    labels = {dim: results[dim].values.tolist() for dim in (case, method)}
-    merged = merge(parts, labels | {"metric": METRICS})
-    merged.pop("draw", None)
-    scores = xr.Dataset(merged).assign_attrs(results.attrs)
-    scores[f"{draw}s"] = scores[f"{draw}s"].astype(int)
-    if not resampled:
-        scores["standard_error"] = scores.replicates.std("draw")
-    units, fixed = units_of(results), METRICS | {"failed": f"{draw}s", PATHWAY: PERCENT}
-    names = (str(name).rpartition(" ") for name in scores.metric.values)
-    unit = [fixed[measure] or units[quantity or MAIN] for quantity, _, measure in names]
+    found = stack(
+        [
+            _metrics(draws.isel({case: row, method: column}), weights)
+            for row, column in np.ndindex(shape)
+        ]
+    )
+    samples = np.stack([*found.values()], axis=1).reshape(*shape, len(found), len(weights))
+    dims = case, method, "metric"
+    scores = xr.Dataset({"value": (dims, samples[..., 0])}, attrs=results.attrs)
     kept = {name: own for name, own in results.coords.items() if set(own.dims) <= {case, method}}
-    return scores.assign_coords(kept | {"unit": ("metric", unit)})
+    units, fixed = units_of(results), METRICS | {"failed": f"{draw}s", PATHWAY: PERCENT}
+    pairs = (name.rpartition(" ") for name in found)
+    unit = [fixed[measure] or units[quantity or MAIN] for quantity, _, measure in pairs]
+    scores = scores.assign_coords(kept | {"metric": [*found]})
+    failed = scores.value.sel(metric="failed", drop=True)
+    scores[f"{draw}s"] = (count - failed).fillna(0).astype(int)
+    if replicates:
+        scores["replicates"] = (*dims, "draw"), samples[..., 1:]
+        scores["standard_error"] = scores.replicates.std("draw").where(scores.trials > 1)
+    return scores.assign_coords(unit=("metric", unit))
 
 
-def _metrics(draws: xr.Dataset, resampled: bool, weights: Array | None = None) -> dict[str, Value]:
-    """Return the metrics of a method in its draws of a case; none without a draw.
+def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
+    """Return the metrics of a method in its draws of a case; NaN if it was not asked.
 
-    Weights of the draws, shape (replicate, draw), give a replicate each.
+    Weights of the draws, shape (replicate, draw), give a replicate each. The first ones are equal:
+    they give the metrics themselves.
     """
-    found: dict[str, Value] = {}
-    if not len(draws.failure):
+    nothing = np.full(len(weights), np.nan)
+    found: Scores = dict.fromkeys(METRICS, nothing)
+    if not draws.coords.get("asked", True):
         return found
+    used = draws.failure.values == ""
+    is_first = np.arange(len(weights)) == 0
+    found["failed"] = np.where(is_first, np.sum(~used), np.nan)
+    if not used.any():
+        return found
+    own, weights = draws.isel(trial=used, bootstrap=used, missing_dims="ignore"), weights[:, used]
+    # A draw of M trials varies less than what it is drawn from; a single one has no spread
+    factor = used.sum() / (used.sum() - 1 or np.nan)
+    factors = np.where(is_first, factor / factor, factor)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # the mean of nothing
-        for quantity in map(str, draws.quantity.values):
-            own = draws.sel(quantity=quantity)
-            if quantity == MAIN:
-                found |= _of_quantity(own, resampled, weights) | _of_torque(own, weights)
-            elif own.estimate.notnull().any():
-                values = _of_quantity(own, resampled, weights)
-                found |= {f"{quantity} {name}": value for name, value in values.items()}
-        for pathway in map(str, draws.pathway.values) if PATHWAY in draws else ():
-            shares = draws[PATHWAY].sel(pathway=pathway)
-            found[f"{pathway} {PATHWAY}"] = metrics.weighted_mean(shares, weights)
-    return found
+        for quantity in map(str, own.quantity.values):
+            one, prefix = own.sel(quantity=quantity), "" if quantity == MAIN else f"{quantity} "
+            if one.estimate.notnull().any():
+                values = _of_quantity(one, weights, factor, factors)
+                found |= {prefix + name: each for name, each in values.items()}
+        return found | _of_torque(own, weights, factors)
 
 
-def _of_quantity(own: xr.Dataset, resampled: bool, weights: Array | None) -> dict[str, Value]:
+def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array) -> Scores:
     """Return the metrics of a quantity.
 
-    A draw of trials varies less than what it is drawn from, by (M - 1) / M. Its bias holds the
-    random error's part twice, the sample's and that of drawing from it, so that of the random
-    error, as the draw has it, (2M - 1) / (M - 1)² is taken from the square of the bias instead of
-    1 / (M - 1). The random error of bootstraps is a standard error, with the divisor M - 1.
+    The bias of M trials holds 1 / M of their variance. That of a draw from them holds it twice, of
+    the trials and of drawing from them. The random error of bootstraps is a standard error, with
+    the divisor M - 1.
     """
     estimate, truth = own.estimate.values, own.truth.values
-    count = len(estimate)
-    others = count - 1 or np.nan  # one draw has no spread
-    divisor = others if weights is None else others**2 / (2 * count - 1)
-    wider = count / others if resampled or weights is not None else others / others
+    known = np.isfinite(estimate).all(axis=0)
     random = metrics.random_error(estimate, weights)
     bias = metrics.bias_error(estimate, truth, weights)
-    left = np.square(bias) - np.square(random) / divisor
-    known = np.isfinite(estimate).all(axis=0)
+    debiased = np.square(bias) - np.square(random) * (factor * factors - 1)
     found = {
         "mean": metrics.weighted_mean(estimate[:, known].mean(axis=1), weights),
         "bias_error": bias,
-        "debiased_bias_error": np.sqrt(np.maximum(0.0, left)),
+        "debiased_bias_error": np.sqrt(np.maximum(0.0, debiased)),
         "mean_bias": metrics.mean_bias(estimate, truth, weights),
-        "random_error": random * np.sqrt(wider),
+        "random_error": random * np.sqrt(factor if "bootstrap" in own.dims else factors),
         "total_error": metrics.total_error(estimate, truth, weights),
     }
     if "covered" in own:
-        covered = own.covered.values
-        missing = np.isnan(covered).mean(axis=1)
-        found["coverage"] = metrics.share_covered(covered, weights)
-        found["without_band"] = 100 * metrics.weighted_mean(missing, weights)
-    return found | ({"left_out": metrics.left_out(estimate)} if weights is None else {})
-
-
-def _of_torque(own: xr.Dataset, weights: Array | None) -> dict[str, Value]:
-    """Return the metrics of the torque, and those at switches of the stiffness."""
-    mean = partial(metrics.weighted_mean, weights=weights)
-    vaf, varying, truth = own.vaf.values, own.time_varying_vaf.values, own.truth.values
-    over_time, count = mean(varying), len(varying)
-    off = varying - varying.mean(axis=0)
-    variance = np.maximum(0.0, mean(np.square(off)) - np.square(mean(off)))
-    spread = np.sqrt(variance) * (1 if weights is None else np.sqrt(count / (count - 1)))
-    found = {
-        "vaf": mean(vaf),
-        "bandpassed_vaf": mean(own.bandpassed_vaf.values),
-        "lowest_time_varying_vaf": np.nanmin(over_time, axis=-1),
-        "time_varying_vaf_sd": np.nanmean(spread, axis=-1),
-        "time_varying_vaf_sd_soft": np.nanmean(spread[..., truth < truth.mean()], axis=-1),
-        "time_varying_vaf_sd_stiff": np.nanmean(spread[..., truth > truth.mean()], axis=-1),
-        "seconds": mean(own.seconds.values),
-    }
-    if weights is None:
-        found["lowest_vaf"] = vaf.min()
-    distance = from_switch(own.time.values, truth)
-    if np.isfinite(distance).all():
-        at_switch, away = distance <= AT_SWITCH + 1e-9, distance >= AWAY
-        dip = np.nanmean(over_time[..., away], axis=-1)
-        found["switch_dip"] = dip - np.nanmean(over_time[..., at_switch], axis=-1)
-        found["rise_time"] = _rise_time(own, weights)
-        if "covered" in own:
-            for name, chosen in (("at_switch", at_switch), ("away", away)):
-                covered = own.covered.values[:, chosen]
-                found[f"coverage_{name}"] = metrics.share_covered(covered, weights)
+        found["coverage"] = metrics.share_covered(own.covered.values, weights)
     return found
 
 
-def _rise_time(own: xr.Dataset, weights: Array | None) -> Value:
-    """Return the time from 10 to 90 % of the first step upward."""
-    time, truth = own.time.values, own.truth.values
-    low, high = np.unique(truth)
-    upward = np.flatnonzero((truth == high) & (np.roll(truth, 1) == low))
-    levels = low + 0.1 * (high - low), high - (1 - 0.9) * (high - low)
-    switch = float(time[upward[0]])
-    return metrics.rise_time(time, own.estimate.values, *levels, switch, weights=weights)
+def _of_torque(draws: xr.Dataset, weights: Array, factors: Array) -> Scores:
+    """Return the metrics of the torque, and those at switches of the stiffness."""
+    mean, own = partial(metrics.weighted_mean, weights=weights), draws.sel(quantity=MAIN)
+    vaf, varying, truth = own.vaf.values, own.time_varying_vaf.values, own.truth.values
+    over_time, off = mean(varying), varying - varying.mean(axis=0)
+    variance = np.maximum(0.0, mean(np.square(off)) - np.square(mean(off)))
+    spread = np.sqrt(variance * factors[:, None])
+    found = {
+        "vaf": mean(vaf),
+        "bandpassed_vaf": mean(own.bandpassed_vaf.values),
+        "lowest_vaf": np.where(np.arange(len(weights)), np.nan, vaf.min()),
+        "lowest_time_varying_vaf": np.nanmin(over_time, axis=1),
+        "time_varying_vaf_sd": np.nanmean(spread, axis=1),
+        "time_varying_vaf_sd_soft": np.nanmean(spread[:, truth < truth.mean()], axis=1),
+        "time_varying_vaf_sd_stiff": np.nanmean(spread[:, truth > truth.mean()], axis=1),
+        "seconds": mean(own.seconds.values),
+    }
+    for pathway in map(str, draws.pathway.values) if PATHWAY in draws else ():
+        found[f"{pathway} {PATHWAY}"] = mean(draws[PATHWAY].sel(pathway=pathway))
+    distance = from_switch(own.time.values, truth)
+    if np.isfinite(distance).all():
+        away, near = (
+            np.nanmean(over_time[:, part], axis=1)
+            for part in (distance >= AWAY, distance <= AT_SWITCH + 1e-9)
+        )
+        upward = np.flatnonzero(truth > np.roll(truth, 1))
+        rise = 0.1 * (truth.max() - truth.min())
+        levels = truth.min() + rise, truth.max() - rise, float(own.time[upward[0]])
+        found["switch_dip"] = away - near
+        found["rise_time"] = metrics.rise_time(
+            own.time.values, own.estimate.values, *levels, weights=weights
+        )
+    return found
 
 
 def units_of(results: xr.Dataset) -> dict[str, str]:

@@ -41,19 +41,15 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         NaN for counts, for the worst trial, and for a single one), viscosity, scenario, system and
         quantity (the one that was estimated, or empty). Those of an experiment are participant,
         perturbation, method, realizations, bootstraps, metric, value, unit and quantity. Rows of
-        metrics that do not apply are left out.
+        metrics without a value are left out.
     """
     scores = found if "metric" in found.dims else score(found)
-    case, *_ = dims = scores.value.dims
-    table = scores.drop_vars("replicates", errors="ignore").to_dataframe(dims).reset_index()
-    names = table.metric.str.rpartition(" ")
-    table["quantity"] = names[0].mask(table.metric.isin([*OF_QUANTITY]), MAIN)
-    known = table.value.notna()
-    applies = known.groupby([table[case], table.metric], sort=False).transform("any")
-    applies &= known | table.quantity.isin(["", MAIN])
-    table["metric"] = names[2].mask(names[2] == "mean", "mean_" + table.quantity)
-    table = table[applies & table.get("asked", True)].rename(columns=NAMES)
-    return table[[name for name in COLUMNS if name in table]].reset_index(drop=True)
+    table = scores.drop_vars("replicates", errors="ignore").to_dataframe(scores.value.dims)
+    table = table.dropna(subset="value").reset_index().rename(columns=NAMES)
+    parts = table.metric.str.rpartition(" ")
+    table["quantity"] = parts[0].mask(table.metric.isin([*OF_QUANTITY]), MAIN)
+    table["metric"] = parts[2].mask(parts[2] == "mean", "mean_" + table.quantity)
+    return table[[name for name in COLUMNS if name in table]]
 
 
 def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:

@@ -8,7 +8,6 @@ import platform
 import re
 import sys
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
@@ -28,7 +27,7 @@ from tvsysid.methods import Method, label_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.recordings import whole_file
 from tvsysid.signals import Ensemble
-from tvsysid.study.measure import Scores, Truth, at, measure, merge, over
+from tvsysid.study.measure import Scores, Truth, measure, stack
 
 
 @cache
@@ -44,53 +43,47 @@ class Task:
 
     Parameters
     ----------
-    axes, case
-        Dimensions of the results, and label of the case: a scenario, or a recording.
+    case
+        Label of a scenario, or of a recording.
     draw, draws
         Function that returns an ensemble and what its models are compared with, and the numbers
-        that it is called with.
+        that it is called with. If it raises an InputError, all methods fail in that draw.
     methods
         Methods by their labels in the results.
     depends_on
         Object whose repr states everything that determines the draws.
-    versions
-        Software of the process that made the task.
     """
 
-    axes: tuple[str, str, str]
     case: str
     draw: Callable[[int], tuple[Ensemble, Truth]]
     draws: Sequence[int]
     methods: Mapping[str, Method]
     depends_on: object
-    versions: Mapping[str, str] = attrs.field(factory=versions)
 
     @property
     def file_name(self) -> str:
         """Name of its file: a hash of all that the scores depend on."""
         methods = {label: identity_of(method) for label, method in self.methods.items()}
-        parts = self.case, self.depends_on, list(self.draws), methods, self.versions
+        parts = self.case, self.depends_on, list(self.draws), methods, versions()
         return f"{hashlib.sha256(repr(parts).encode()).hexdigest()[:24]}.npz"
 
     def scores(self) -> Scores:
-        """Return scores over cases, draws and methods. Equal draws are identified once."""
-        found: dict[int, list[Scores]] = {}
-        case, draw, axis = self.axes
-        parts = []
+        """Return scores over draws and methods. Equal draws are identified once."""
+        parts: list[Scores] = []
+        found: dict[bytes, Scores] = {}
         for number in self.draws:
-            started = time.perf_counter()
-            ensemble, truth = self.draw(number)
-            key, identified = hash(ensemble.angle.tobytes()), 0.0
+            try:
+                ensemble, truth = self.draw(number)
+            except InputError as error:
+                parts.append({"failure": np.full(len(self.methods), one_line(str(error)))})
+                continue
+            key = ensemble.angle.tobytes()
             if key not in found:
-                found[key] = [
-                    at(measure(method, ensemble, truth), **{axis: label})
-                    for label, method in self.methods.items()
-                ]
-                identified = float(np.nansum([each["seconds"][1] for each in found[key]]))
-            own = over(other_seconds=time.perf_counter() - started - identified)
-            place = {case: self.case, draw: number}
-            parts += [at(each, **place) for each in (*found[key], *truth.scores(), own)]
-        return merge(parts)
+                found[key] = stack(
+                    [measure(each, ensemble, truth) for each in self.methods.values()]
+                )
+            parts.append(found[key])
+        return stack(parts)
 
 
 _one_at_a_time = threading.Lock()
@@ -98,11 +91,6 @@ _one_at_a_time = threading.Lock()
 
 def run_task(task: Task) -> Scores:
     """Return the scores of a task, on one thread."""
-    if versions() != task.versions:
-        raise InputError(
-            f"run: a worker has other software ({versions()}) than this process "
-            f"({dict(task.versions)}); install the same versions"
-        )
     try:
         # Warnings are caught and BLAS is limited for a whole process: one task at a time in it.
         with _one_at_a_time, single_thread():
@@ -151,10 +139,9 @@ def identity_of(item: object) -> str:
 
 
 def write_scores(scores: Scores, file: Path) -> None:
-    """Write scores to a file, which appears whole or not at all. Dimensions follow the names."""
-    arrays = {" ".join((name, *dims)): values for name, (dims, values) in scores.items()}
+    """Write scores to a file, which appears whole or not at all."""
     with whole_file(file) as temporary, temporary.open("wb") as opened:
-        np.savez(opened, allow_pickle=False, **arrays)
+        np.savez(opened, allow_pickle=False, **scores)
 
 
 def read_scores(file: Path) -> Scores:
@@ -162,12 +149,8 @@ def read_scores(file: Path) -> Scores:
 
     The file is a ZIP archive, which has a checksum of each array.
     """
-    scores = {}
     try:
         with np.load(file) as archive:
-            for key in archive:
-                name, *dims = key.split()
-                scores[name] = tuple(dims), archive[key]
+            return dict(archive)
     except (OSError, ValueError, EOFError, KeyError, BadZipFile, NotImplementedError):
         return {}
-    return scores

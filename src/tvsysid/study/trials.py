@@ -13,7 +13,7 @@ from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import Simulation
 from tvsysid.study.dataset import SIMULATIONS, dataset_of
-from tvsysid.study.measure import AXES, Scores, Truth
+from tvsysid.study.measure import Scores, Truth
 from tvsysid.study.scenarios import PARTS, Scenario, Study
 from tvsysid.study.tasks import Task, identity_of
 
@@ -37,10 +37,13 @@ def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]
         values = np.asarray(cores.signal(name)[:, cores.core])
         return values - values.mean(axis=0) if study.subtract_mean else values
 
+    # A mean of equal values is exact if it is taken of their distances from the first
+    quantities = {
+        name: each[0] + (each - each[0]).mean(axis=0)
+        for name, each in simulation.truth_of(ensemble).items()
+    }
     return ensemble, Truth(
-        torque("torque"),
-        {name: _mean(each) for name, each in simulation.truth_of(ensemble).items()},
-        {name: torque(f"{name} pathway") for name in pathways},
+        torque("torque"), quantities, {name: torque(f"{name} pathway") for name in pathways}
     )
 
 
@@ -62,11 +65,6 @@ def cut(study: Study, recording: Recording) -> Ensemble:
     return subtract_mean(ensemble) if study.subtract_mean else ensemble
 
 
-def _mean(values: Array) -> Array:
-    """Return the mean over the first axis, exact where all values are equal."""
-    return np.asarray(values[0] if (values == values[0]).all() else values.mean(axis=0))
-
-
 def tasks_of(study: Study) -> list[Task]:
     """Return a task for each trial, the longest first."""
     tasks = []
@@ -76,7 +74,6 @@ def tasks_of(study: Study) -> list[Task]:
         parts = [identity_of(study.parts[name]) for name in names if name in study.parts]
         settings = study.rate, study.period, study.subtract_mean
         task = Task(
-            axes=AXES[0],
             case=scenario.label,
             draw=partial(draw, study, scenario),
             draws=(),
@@ -87,7 +84,7 @@ def tasks_of(study: Study) -> list[Task]:
     return tasks
 
 
-def results_of(study: Study, scores: Iterable[Scores]) -> xr.Dataset:
+def results_of(study: Study, measured: Iterable[tuple[Task, Scores]]) -> xr.Dataset:
     """Return the results of all trials, with the traits of each scenario."""
     scenarios, methods = study.scenarios, list(study.named_methods)
     asked = [[label in study.methods_of[each] for label in methods] for each in scenarios]
@@ -100,8 +97,8 @@ def results_of(study: Study, scores: Iterable[Scores]) -> xr.Dataset:
     for name, values in zip(TRAITS, zip(*scenarios, strict=True), strict=True):
         coordinates[name] = "scenario", list(values)
     about = {"title": SIMULATIONS, "study": study.to_json()}
-    results = dataset_of(scores, coordinates, study.period, study.rate, **about)
-    truth = results.truth.values
+    results = dataset_of(measured, coordinates, study.period, study.rate, **about)
+    truth = results.truth.max("method_key")  # the same for every method
     if np.allclose(truth, truth[:, :1], rtol=1e-6, equal_nan=True):
-        return results.assign(truth=results.truth.isel(trial=0, drop=True))
-    return results.assign(truth=results.truth.mean("trial"), trial_truth=results.truth)
+        return results.assign(truth=truth.isel(trial=0, drop=True))
+    return results.assign(truth=truth.mean("trial"), trial_truth=truth)

@@ -6,18 +6,17 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from concurrent.futures import ProcessPoolExecutor as Pool
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
 from tvsysid.errors import InputError, one_line
 from tvsysid.study.measure import Scores
-from tvsysid.study.tasks import Task, pickled, run_pickled, run_task, write_scores
+from tvsysid.study.tasks import Task, pickled, run_pickled, run_task
 
-UNKNOWN_WORKERS = 32  # assumed of an executor that does not state how many it has
+UNKNOWN_WORKERS = 32  # assumed of an executor
 
 
 def cores() -> int:
@@ -30,7 +29,7 @@ def cores() -> int:
 def run_tasks(
     tasks: Mapping[Path, Task], workers: int | None = None, executor: Executor | None = None
 ) -> Iterator[tuple[Path, Scores]]:
-    """Run tasks, write the scores of each to its file, and yield both.
+    """Run tasks, and yield the file of each with its scores as they come.
 
     Parameters
     ----------
@@ -45,50 +44,36 @@ def run_tasks(
     InputError
         If a worker dies, or the executor fails.
     """
-    with ExitStack() as stack:
-        if executor is not None:
-            # A second task for each worker is on its way while the first is run.
-            count = workers or int(getattr(executor, "_max_workers", UNKNOWN_WORKERS))
-            finished = _by_executors(tasks, [executor] * 2 * count)
-        elif (count := min(workers or cores(), len(tasks))) > 1:
-            # A pool of one for each process: if the process dies, its task is known.
-            pools = [stack.enter_context(_process()) for _ in range(count)]
-            finished = _by_executors(tasks, pools)
-        else:
-            finished = ((file, run_task(task)) for file, task in tasks.items())
-        for file, scores in finished:
-            write_scores(scores, file)
-            yield file, scores
+    if executor is not None:
+        yield from _by_executor(tasks, executor, workers or UNKNOWN_WORKERS)
+    elif (count := min(workers or cores(), len(tasks))) > 1:
+        with _processes(count) as pool:
+            yield from _by_executor(tasks, pool, count)
+    else:
+        yield from ((file, run_task(task)) for file, task in tasks.items())
 
 
-def _by_executors(
-    tasks: Mapping[Path, Task], free: Sequence[Executor]
+def _by_executor(
+    tasks: Mapping[Path, Task], executor: Executor, workers: int
 ) -> Iterator[tuple[Path, Scores]]:
-    """Yield scores as they come; an executor in the list is free for one task."""
-    waiting, free = iter(tasks.items()), list(free)
-    running: dict[Future[Scores], tuple[Executor, Path]] = {}
-    file = Path()
+    """Yield scores as they come. A second task for each worker waits while the first is run."""
+    waiting = iter(tasks.items())
+    running: dict[Future[Scores], Path] = {}
     try:
         while True:
-            for file, task in islice(waiting, len(free)):
-                executor = free.pop()
-                running[executor.submit(run_pickled, pickled(task))] = executor, file
+            for file, task in islice(waiting, 2 * workers - len(running)):
+                running[executor.submit(run_pickled, pickled(task))] = file
             if not running:
                 return
-            done = wait(running, return_when=FIRST_COMPLETED).done
-            for future in sorted(done, key=lambda each: each.exception() is not None):
-                executor, file = running.pop(future)
-                free.append(executor)
-                yield file, future.result()
-    except (InputError, OSError):
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except InputError:
         raise
     except Exception as error:
-        task = tasks[file]
         raise InputError(
-            f"run: the worker of {task.case} by {', '.join(task.methods)} failed "
-            f"({type(error).__name__}: {one_line(str(error))}). It crashed, ran out of memory, or "
-            "did not start (a script must call run under `if __name__ == '__main__':`). Run the "
-            "same command again to resume"
+            f"run: a worker failed ({type(error).__name__}: {one_line(str(error))}). It crashed, "
+            "ran out of memory, or did not start (a script must call run under `if __name__ == "
+            "'__main__':`). Run the same command again to resume"
         ) from error
     finally:
         for future in running:
@@ -96,11 +81,12 @@ def _by_executors(
 
 
 @contextmanager
-def _process() -> Iterator[Pool]:
-    """Start a local process, which ends with this one and ignores interruptions."""
+def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Start local processes, which end with this one and ignore interruptions."""
     others = set(multiprocessing.active_children())
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
-    pool = Pool(1, multiprocessing.get_context("spawn"), initializer=_begin)
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(count, context, initializer=_begin)
     try:
         yield pool
     except BaseException:

@@ -5,23 +5,12 @@ from dataclasses import dataclass
 import attrs
 import numpy as np
 import pytest
-import xarray as xr
 from tests.study.recorded.conftest import READING, SHORT, SMALL, write_trials
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
 from tvsysid.study import Experiment, of_quantity, run, summarize
 from tvsysid.study.bootstraps import tasks_of
-
-TIMES = ["seconds", "other_seconds"]
-
-
-def same(one, other):
-    xr.testing.assert_identical(one.load().drop_vars(TIMES), other.load().drop_vars(TIMES))
-
-
-def tasks_in(folder):
-    return len(list((folder / "tasks").glob("[!.]*.npz")))
 
 
 def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
@@ -103,7 +92,7 @@ def test_the_same_draw_is_identified_once(tmp_path):
 def test_the_data_and_the_draws_are_in_the_name_of_a_task(small):
     def names(prepared, **settings):
         experiment = Experiment(**{"virtual": 1, "methods": "sds", "bootstraps": 4} | settings)
-        return {task.file_name for task in tasks_of(experiment, prepared)[0]}
+        return {task.file_name for task in tasks_of(experiment, prepared)}
 
     usual = names(small.prepared)
     assert len(usual) == 4

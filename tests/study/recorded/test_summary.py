@@ -31,7 +31,7 @@ def test_every_figure_is_as_defined(small):
     assert table[*key, "mean_bias"] == pytest.approx(
         float((at.estimate.sel(quantity="stiffness").mean("bootstrap") - truth).mean())
     )
-    assert len(table) == 2 * 6 * 16
+    assert len(table) == 2 * 6 * 15
 
 
 def test_stiffness_over_time_has_mean_and_spread(small):

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from itertools import islice
@@ -28,7 +28,7 @@ def cores() -> int:
 
 def run_tasks(
     tasks: Mapping[Path, Task], workers: int | None = None, executor: Executor | None = None
-) -> Iterator[tuple[Path, Scores]]:
+) -> Generator[tuple[Path, Scores], None, None]:
     """Run tasks, and yield the file of each with its scores as they come.
 
     Parameters

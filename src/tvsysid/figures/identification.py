@@ -168,20 +168,16 @@ def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
 def _draw_tried(axes: Axes, evidence: Evidence) -> None:
     values, positions = evidence.values, evidence.positions
     best = np.nanmax(values) if evidence.better == "higher" else np.nanmin(values)
-    worse, order = np.abs(values - best), np.argsort(positions, kind="stable")
+    worse, names = np.abs(values - best), np.array(evidence.lines)
+    order = np.argsort(positions, kind="stable")
     for name, marker in zip(dict.fromkeys(evidence.lines[1:]), cycle(style.MARKERS), strict=False):
-        mine = [place for place in order if evidence.lines[place] == name]
+        mine = order[names[order] == name]
         axes.plot(positions[mine], worse[mine], marker=marker, label=name or "tried")
-    chosen = "chosen" if evidence.chosen else "kept: nothing is clearly better"
-    for label, place, fill in (("as given", 0, "none"), (chosen, evidence.chosen, "full")):
+    for label, place, fill in (("as given", 0, "none"), ("chosen", evidence.chosen, "full")):
         point: Any = {"marker": "o", "markersize": 10, "fillstyle": fill, "linestyle": ""}
         axes.plot(positions[place], worse[place], color=style.INK, label=label, **point)
-    if positions.min() > 0 and positions.max() > 20 * positions.min():
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter("{x:g}")
     axes.margins(x=0.05)
     axes.set_yscale("symlog", linthresh=1.0)
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.set_ylim(bottom=-0.3)
     axes.set(xlabel=evidence.axis, ylabel=f"worse than the best by ({evidence.unit})")
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -20,13 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 TARGET: dict[str, Any] = {"color": style.TARGET, "linewidth": 0.8, "label": "torque to be followed"}
-# Mean torque by perturbation; overlapping lines all show.
-TORQUES: tuple[dict[str, Any], ...] = (
-    {"color": "#B98345", "linewidth": 2.8},
-    {"color": "#5C3A12", "linewidth": 1.3, "linestyle": "--"},
-    {"color": "#8A5A24", "linewidth": 1.6, "linestyle": ":"},
-    {"color": "#3B2408", "linewidth": 0.9, "linestyle": "-."},
-)
+MEAN_TORQUE = "#8A5A24"
 SPREAD = {
     "vaf": "VAF (%)",
     "bandpassed_vaf": "VAF, 1–10 Hz (%)",
@@ -90,8 +84,8 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
         for mean, look, label in zip(means[place], looks, headings(results, 60), strict=True):
             style.curve(axes, time, mean, **look | {"label": label, "linewidth": 1.0})
         if np.isfinite(one.mean_torque).any():
-            label, look = f"mean torque, {titles[column]}", TORQUES[column % len(TORQUES)]
-            grid[row, -1].plot(time, one.mean_torque, label=label, **look)
+            label, line = f"mean torque, {titles[column]}", style.STYLES[column % 4]
+            grid[row, -1].plot(time, one.mean_torque, line, color=MEAN_TORQUE, label=label)
         if np.isfinite(one.target_torque).any():
             grid[row, -1].plot(time, one.target_torque, **TARGET)
     return style.finish(figure)
@@ -230,7 +224,7 @@ def _draw_bars(part: Any, summary: pd.DataFrame, metrics: Mapping[str, str]) -> 
         f"{wrapped(method, 12)}\n{' | '.join(f'{amount:g}' for amount in several)}"
         for method, several in amounts.items()
     ]
-    is_crowded = max(len(line) for text in below for line in text.split("\n")) > MAX_ABREAST
+    is_crowded = max(map(len, "\n".join(below).split("\n"))) > MAX_ABREAST
     perturbations = unique(summary.perturbation)
     rows, columns = len(perturbations), len(metrics)
     grid = style.grid_of(part, rows, columns, sharex=True, sharey="col")

@@ -162,9 +162,7 @@ def diagnosis() -> Items:
             yield f"{path}/{check['name']}", check["value"]
             yield f"{path}/{check['name']} finding", f"{check['state']}: {check['what']}"
         found = tv.recommend(ensemble, reference, scheduling, diagnosis=diagnosed)
-        yield f"{path}/recommendation", [found.sentence, *found.caveats]
-        for what, (value, _) in found.measured.items():
-            yield f"{path}/measured {what}", value
+        yield f"{path}/recommendation", repr(found).splitlines()
 
 
 def plan() -> Items:

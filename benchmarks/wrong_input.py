@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 import tvsysid as tv
-from tvsysid.report.answer import Account, answer
+from tvsysid.recommendation import Answer
 
 Array = NDArray[np.float64]
 
@@ -58,9 +58,9 @@ def main() -> None:
     console = Console(highlight=False, soft_wrap=True)
     warnings.simplefilter("ignore")
     silent = [look(console, *each) for each in faulty(chosen.data)].count(False)
-    levels = [identified(sound(seed), PERIOD).trust for seed in range(chosen.sound)]
-    withdrawn = [trust.reasons for trust in levels if trust.level == "none"]
-    doubtful = sum(trust.level == "doubtful" for trust in levels)
+    answers = [identified(sound(seed), PERIOD) for seed in range(chosen.sound)]
+    withdrawn = [each.reasons for each in answers if each.trust == "none"]
+    doubtful = sum(each.trust == "doubtful" for each in answers)
     console.print(f"{silent} wrong by a fifth without a word")
     console.print(
         f"{len(withdrawn)} of {chosen.sound} sound ones withdrawn, {doubtful} doubtful", *withdrawn
@@ -172,10 +172,9 @@ def ensemble_of(recording: tv.Recording, period: float) -> tv.Ensemble:
     return tv.preprocess.subtract_mean(cut, cut.channels)
 
 
-def identified(recording: tv.Recording, period: float) -> Account:
-    """Return what ``tvsysid identify`` knows, by ``adaptive`` alone."""
-    found = tv.compare(ensemble_of(recording, period), ["adaptive"])
-    return Account(found, found.held_out_vaf(), found.recommendation.diagnosis)
+def identified(recording: tv.Recording, period: float) -> Answer:
+    """Return the answer by ``adaptive`` alone."""
+    return tv.compare(ensemble_of(recording, period), ["adaptive"]).answer
 
 
 def look(console: Console, fault: str, case: Case, speed: float) -> bool:
@@ -183,15 +182,15 @@ def look(console: Console, fault: str, case: Case, speed: float) -> bool:
 
     Return whether its stiffness is right, or the first three lines say why not.
     """
-    account = identified(case.recording, case.period)
-    model, lines = account.found.models["adaptive"], answer(account)[:3]
+    answer = identified(case.recording, case.period)
+    model, lines = answer.model, answer.lines[:3]
     low, high = (limit(model.time * speed) for limit in case.limits)
     outside = np.maximum(0, np.maximum(low - model.stiffness, model.stiffness - high))
     error = float(np.sqrt(np.mean(outside**2) / np.mean(high**2)))
-    said = account.trust.level == "none" or any(reason in lines for reason in account.trust.reasons)
+    said = not answer.is_stated or any(reason in lines for reason in answer.reasons)
     verdict = "right" if error < FIFTH else "WRONG" if not said else "wrong, and said"
     stated = f"{model.stiffness.min():.3g} to {model.stiffness.max():.3g} N·m/rad, "
-    stated += {"none": "withdrawn", "doubtful": "doubtful", "good": "stated"}[account.trust.level]
+    stated += {"none": "withdrawn", "doubtful": "doubtful", "good": "stated"}[answer.trust]
     console.print(f"{case.name}, {fault}: {stated}; error {100 * error:.0f} %: {verdict}")
     for line in lines:
         console.print(f"    {line}")

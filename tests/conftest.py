@@ -184,7 +184,7 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(f"{paper}.folder.write_diagnosis", lambda *given: None)
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)
-    monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given: None)
+    monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given, **_: None)
 
 
 @cache

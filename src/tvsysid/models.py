@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from tvsysid.arrays import read_only, to_array
 from tvsysid.dataset_layout import UNITS, Labelled, to_dataset
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.numerics.bands import critical_value, mean_known, simultaneous_value
+from tvsysid.numerics.bands import critical_value, mean_known, mean_of, simultaneous_value
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
@@ -324,6 +324,17 @@ class Model:
             return np.full(len(self.time), np.nan)
         return estimate.values if estimate.axes == ("time",) else mean_known(estimate.values)
 
+    def limits(self, quantity: str) -> Array:
+        """Return the limits of the 95 % band of an estimate over time, shape (2, time).
+
+        NaN where there is none. The mean of several realizations has none.
+        """
+        estimate, shape = self.estimates.get(quantity), (2, len(self.time))
+        if estimate is None or estimate.axes not in OVER_TIME:
+            return np.full(shape, np.nan)
+        is_single = estimate.values.size == shape[1]
+        return np.reshape(estimate.limits(), shape) if is_single else np.full(shape, np.nan)
+
     def pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         """Return the torque of each pathway for the signals of an ensemble, by pathway.
 
@@ -365,8 +376,14 @@ class Model:
         return torques
 
     def __repr__(self) -> str:
-        known = self.stiffness[np.isfinite(self.stiffness)]
-        span = f"{known.min():.1f} to {known.max():.1f} N·m/rad" if known.size else "unknown"
+        known, (lower, upper) = (
+            self.stiffness[np.isfinite(self.stiffness)],
+            self.limits("stiffness"),
+        )
+        span, band = "unknown", mean_of(upper - lower) / 2
+        if known.size:
+            span = f"{known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average"
+            span += f", 95 % band ± {band:.1f}," if np.isfinite(band) else ""
         warned = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
         return (
             f"{type(self).__name__}({self.method}: stiffness {span} over "

@@ -37,7 +37,7 @@ def only_identified(monkeypatch, not_held_out):
 
     monkeypatch.setattr("tvsysid.quality.diagnose", undiagnosed)
     monkeypatch.setattr("tvsysid.comparison.preparation.diagnose", undiagnosed)
-    recommended = Recommendation(("adaptive",), "for any data", {})
+    recommended = Recommendation(("adaptive",), "for any data")
     monkeypatch.setattr(
         "tvsysid.comparison.comparison.recommend", lambda *given, **words: recommended
     )

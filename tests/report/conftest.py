@@ -107,15 +107,16 @@ def identified():
     )
     found = tv.compare(ensemble, ["eirf", "sds", "adaptive"])
     held_out = tv.compare(ensemble, ["eirf", "sds"]).held_out_vaf()
-    source = {"file": "<ankle>.mat", "angle": "channel pos, in rad", "torque": "channel tq"}
-    return tv.report.Account(found, held_out, tv.diagnose(ensemble), source=source)
+    return attrs.evolve(found, held_out=held_out, diagnosis=tv.diagnose(ensemble))
 
 
 @pytest.fixture(scope="session")
 def identification_page(identified, tmp_path_factory):
     """Path of an identification's page."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    tv.report.write_identification(path, identified, "tvsysid identify ankle.mat && echo")
+    command = "tvsysid identify ankle.mat && echo"
+    source = {"file": "<ankle>.mat", "angle": "channel pos, in rad", "torque": "channel tq"}
+    tv.report.write_identification(path, identified, command, source=source)
     return path
 
 
@@ -132,10 +133,10 @@ def diagnosis_page(diagnoses, tmp_path_factory):
     return path
 
 
-def write_visit(folder, account):
+def write_visit(folder, found):
     """Write what a sheet reads."""
-    found = account.found
-    tv.recordings.write_models(folder / "models.nc", found.models, about=facts(account))
+    about = facts(found, "<ankle>.mat")
+    tv.recordings.write_models(folder / "models.nc", found.models, about=about)
     tv.recordings.write_table(folder / "stiffness.csv", found.over_time())
 
 

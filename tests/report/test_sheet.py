@@ -14,13 +14,13 @@ def test_visits_stand_in_their_order_with_their_bands(sheet_page, identified):
         "Research use only. Not for diagnosis, and not for decisions about treatment."
     ) in sheet_page.read_text()
     told = table(elements, "Means over time")
-    model = identified.found.models["adaptive"]
+    model = identified.models["adaptive"]
     lower, upper = model.estimates["stiffness"].band()
     for place in range(1, 7):
         mean = f"{model.stiffness.mean():.1f} ± {(upper - lower).mean() / 2:.1f}"
         assert (
-            f"{place}. visit number {place} 60 × 2 s adaptive {mean} {model.stiffness.min():.1f} "
-            "at " in told
+            f"{place}. visit number {place} 60 × 2 s adaptive {mean} "
+            f"{identified.answer.difference:.1f} {model.stiffness.min():.1f} at " in told
         )
     # The held-out VAF is unknown, and the data have no fault
     assert told.endswith("–none none")
@@ -40,14 +40,14 @@ def test_one_visit_says_its_answer(identified, tmp_path):
 def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(identified, tmp_path):
     visits = [tmp_path / name for name in ("sound", "biased")]
     withdrawn = attrs.evolve(identified, unnamed_references=["Channel 'command' moves the angle."])
-    for folder, account in zip(visits, (identified, withdrawn), strict=True):
-        write_visit(folder, account)
+    for folder, found in zip(visits, (identified, withdrawn), strict=True):
+        write_visit(folder, found)
     for folders, place in (([visits[1]], 1), (visits, 2)):
         tv.report.write_sheet(tmp_path / "sheet.html", folders)
         told = Elements((tmp_path / "sheet.html").read_text())
         box = " ".join(text for _, text in told.of("p"))
         assert "No stiffness is stated. Channel 'command' moves the angle." in box
-        assert f"{place}. biased 60 × 2 s adaptive{' not valid' * 5}" in table(
+        assert f"{place}. biased 60 × 2 s adaptive{' not valid' * 6}" in table(
             told, "Means over time"
         )
 

@@ -31,7 +31,6 @@ from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
     from tvsysid.comparison import Comparison, PreparedRecording
-    from tvsysid.report import Account
     from tvsysid.signals import Recording
 
 MAX_TESTED_CHANNELS = 8
@@ -45,6 +44,7 @@ IMPEDANCE = {  # names and formats, by heading
     "method": "method",
     "mean": "stiffness (N·m/rad):.1f",
     "±\n95 %": "half_band (N·m/rad):.1f",
+    "±\nmethods": "between:.1f",
     "lowest": "lowest (N·m/rad):.1f",
     "at\n(s)": "lowest at (s):.2f",
     "highest": "highest (N·m/rad):.1f",
@@ -195,55 +195,50 @@ def identify(
         centered_channels(map(parse, expand(method))),
         align_channels=align_channels,
         remove_mains=remove_mains,
-        jobs=-1,
     )
     for note in prepared.notes:
         say(note)
     say(f"{file.name}: {prepared.ensemble!r}")
     with shown_progress("identifying") as advance:
         found = compare(prepared.ensemble, method, tune=tune, progress=advance)
-        found = attrs.evolve(found, diagnosis=prepared.diagnosis)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
-    account = _account(found, prepared, recording, file, reading)
-    written = write_folder(out, account, command_line(), sheet)
-    _show_impedance(account)
-    _show_diagnosis(account)
+    found, source = _judged(found, prepared, recording, file, reading), _source(file, reading)
+    written = write_folder(out, found, source, prepared.corrections, command_line(), sheet)
+    _show_impedance(found)
+    _show_diagnosis(found)
     _show_settings(found)
     say_written(out, written)
     return int(bool(found.failed))
 
 
-def _account(
+def _judged(
     found: Comparison,
     prepared: PreparedRecording,
     recording: Recording,
     file: Path,
     reading: Reading,
-) -> Account:
-    """Predict held-out realizations and diagnose the data; return all that is known."""
-    from tvsysid.quality import diagnose
-    from tvsysid.report import Account
-
+) -> Comparison:
+    """Predict held-out realizations, diagnose the data, and look for unnamed references."""
     with shown_progress("predicting held-out realizations") as advance:
-        held_out = found.held_out_vaf(jobs=-1, progress=advance)
+        held_out = found.held_out_vaf(progress=advance)
+    return attrs.evolve(
+        found,
+        held_out=held_out,
+        diagnosis=prepared.diagnose(found.inputs.get("reference")),
+        unnamed_references=tuple(_unnamed_references(found, recording, file, reading)),
+    )
+
+
+def _source(file: Path, reading: Reading) -> dict[str, str]:
     sign = ", sign reversed" if reading.torque_sign == -1 else ""
-    source = {
+    return {
         "file": printable(file.name),
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",
         "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
     }
-    repeats, reason = prepared.diagnosed is found.ensemble, ""
-    diagnosis = found.recommendation.diagnosis if repeats else None
-    try:
-        diagnosis = diagnosis or diagnose(prepared.diagnosed, repeats=repeats)
-        diagnosis = attrs.evolve(diagnosis, checks=(*diagnosis.checks, *prepared.findings))
-    except InputError as error:
-        reason = str(error).removeprefix("diagnose: ")
-    unnamed = tuple(_unnamed_references(found, recording, file, reading))
-    return Account(found, held_out, diagnosis, reason, source, prepared.corrections, unnamed)
 
 
 def _unnamed_references(
@@ -257,8 +252,7 @@ def _unnamed_references(
     from tvsysid.recommendation import find_unnamed_references
     from tvsysid.recordings import describe_file
 
-    kinds = {item.kind for method in found.methods.values() for item in method.inputs}
-    if kinds & {"reference", "scheduling"}:
+    if found.inputs.keys() & {"reference", "scheduling"}:
         return
     channels, ensemble = describe_file(file), found.ensemble
     shape, named = channels[reading.names["angle"]].shape, {*reading.names.values()}
@@ -273,35 +267,32 @@ def _unnamed_references(
                 yield sentence.replace("--method", f"--channel {name}={name} --method")
 
 
-def _show_impedance(account: Account) -> None:
-    """Print the stiffness to report, a row for each method, and what else they estimate."""
-    from tvsysid.report.answer import answer, further
+def _show_impedance(found: Comparison) -> None:
+    """Print the answer, a row for each method, and what else they estimate."""
+    from tvsysid.report.estimates import further
 
-    say("\n  ".join(answer(account)))
-    found, is_valid = account.found, account.trust.level != "none"
+    answer = found.answer
+    say("\n  ".join(answer.lines))
     table = found.summary()
-    table["held out"] = table.method.map(account.held_out_mean)
+    table["held out"] = table.method.map(answer.vaf)
+    table["between"] = table.method.map({answer.label: answer.difference})
     title = "stiffness with its band and extremes (N·m/rad), inertia (kg·m²), VAF (%)"
-    validity = "" if is_valid else "not valid: "
+    validity = "" if answer.is_stated else "not valid: "
     show_table(validity + title, table.to_dict("records"), IMPEDANCE)
-    if is_valid and (labels := account.values["with_reflex"]):
-        remark("note", f"the stiffness of {', '.join(labels)} includes the torque of the reflex")
     show_table("further estimates", further(found).to_dict("records"), FURTHER)
 
 
-def _show_diagnosis(account: Account) -> None:
-    """Print the findings of the diagnosis, and which method suits the data if another one leads."""
-    diagnosis, found = account.diagnosis, account.found
-    if diagnosis is None:
-        say(f"diagnosis: none: {account.undiagnosed}")
-    else:
-        for text in diagnosis.remarks:
-            remark("note", text)
-        names = ", ".join(each.name for each in diagnosis.findings)
-        advice = f": {names} (report.html says what to do)" if names else ""
-        say(f"diagnosis: {diagnosis.verdict}{advice}")
-    if found.leading not in found.recommendation.suited[:1] and account.trust.level != "none":
-        say(f"method for these data: {found.recommendation.sentence}")
+def _show_diagnosis(found: Comparison) -> None:
+    """Print the findings of the diagnosis."""
+    diagnosis = found.recommendation.diagnosis
+    if isinstance(diagnosis, str):
+        say(f"diagnosis: none: {diagnosis}")
+        return
+    for text in diagnosis.remarks:
+        remark("note", text)
+    names = ", ".join(each.name for each in diagnosis.findings)
+    advice = f": {names} (report.html says what to do)" if names else ""
+    say(f"diagnosis: {diagnosis.verdict}{advice}")
 
 
 def _show_settings(found: Comparison) -> None:

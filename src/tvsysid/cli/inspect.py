@@ -143,7 +143,7 @@ def _show_diagnosis(
     if repeats:
         with errors.status("choosing a method"):
             found = recommend(lowered(ensemble), reference, diagnosis=diagnosis)
-        say(f"method for these data: {found.sentence}")
+        say(repr(found))
     say(f"wrote {page}")
 
 

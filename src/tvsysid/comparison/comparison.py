@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +13,13 @@ import numpy as np
 from tvsysid.comparison.held_out import held_out_vaf
 from tvsysid.methods import Evidence, Method
 from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.methods.base import Kind
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import IMPEDANCE, OVER_TIME, Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.progress import Progress, no_progress
 from tvsysid.quality import Diagnosis
-from tvsysid.recommendation import Recommendation, Trust, recommend, trust_in
+from tvsysid.recommendation import Answer, Recommendation, answer, recommend
 from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
@@ -49,7 +50,11 @@ class Comparison:
     failed
         Error message of each method that failed.
     diagnosis
-        Diagnosis of the ensemble without a reference, if there is one.
+        Diagnosis of the data, with the reference that a method uses, or why there is none.
+    held_out
+        Result of :meth:`held_out_vaf`, if known.
+    unnamed_references
+        A sentence for each channel outside the ensemble that moves the angle.
     """
 
     ensemble: Ensemble
@@ -59,15 +64,20 @@ class Comparison:
     evidence: Mapping[str, Evidence]
     skipped: Mapping[str, str]
     failed: Mapping[str, str]
-    diagnosis: Diagnosis | None = None
+    diagnosis: Diagnosis | str | None = None
+    held_out: Mapping[str, Array] | None = None
+    unnamed_references: tuple[str, ...] = ()
 
-    @cached_property
+    @property
     def bands(self) -> dict[str, dict[str, Array]]:
-        """95 % bands by label and quantity: lower and upper limit, shape (2, time).
+        """95 % bands by label and quantity over time: lower and upper limit, shape (2, time).
 
         NaN where a method states none.
         """
-        return {label: _bands(model) for label, model in self.models.items()}
+        return {
+            label: {name: model.limits(name) for name in _over_time(model)}
+            for label, model in self.models.items()
+        }
 
     @cached_property
     def vaf(self) -> dict[str, Array]:
@@ -91,76 +101,34 @@ class Comparison:
     def _torque(self) -> Array:
         return self.ensemble.torque[:, self.ensemble.core]
 
+    @property
+    def inputs(self) -> dict[Kind, str]:
+        """Channels that the methods read beside angle and torque, by kind of input."""
+        methods = (self.methods[label] for label in self.models)
+        return {item.kind: item.name for method in methods for item in method.inputs}
+
     @cached_property
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the channels that the methods use."""
-        methods = [self.methods[label] for label in self.models]
-        inputs = {item.kind: item.name for method in methods for item in method.inputs}
-        return recommend(
+        models, inputs = self.models.values(), self.inputs
+        found = recommend(
             self.ensemble,
             inputs.get("reference"),
             inputs.get("scheduling"),
-            model=next((self.models[label] for label in self._adaptive), None),
-            diagnosis=None if "reference" in inputs else self.diagnosis,
+            model=next((each for each in models if isinstance(each, AdaptiveModel)), None),
+            diagnosis=self.diagnosis,
         )
+        unnamed = (*self.unnamed_references, *found.unnamed_references)
+        return attrs.evolve(found, unnamed_references=unnamed)
 
     @cached_property
-    def suited(self) -> list[str]:
-        """Labels of the methods that suit the data, best first."""
-        methods = {label: self.methods[label] for label in self.models}
-        return self.recommendation.select(methods, self.evidence)
-
-    @property
-    def recommended(self) -> list[str]:
-        """Labels of the methods to report, best first: those that suit, then ``adaptive``.
-
-        A single method that suits is not a choice among several, and is not recommended for that.
-        """
-        return [*(self.suited if len(self.models) > 1 else []), *self._adaptive]
-
-    @property
-    def leading(self) -> str:
-        """Label of the method whose stiffness is stated: a recommended one, or else the first."""
-        return [*self.recommended, *self.models][0]
-
-    @property
-    def _adaptive(self) -> list[str]:
-        return [label for label, each in self.models.items() if isinstance(each, AdaptiveModel)]
-
-    def trust(
-        self,
-        diagnosis: Diagnosis | None = None,
-        held_out_vaf: Mapping[str, Array] | None = None,
-        unnamed_references: Sequence[str] = (),
-    ) -> Trust:
-        """Judge how far the stiffness of the ``leading`` method can be trusted.
-
-        Parameters
-        ----------
-        diagnosis
-            Diagnosis of the data, in place of that of ``recommendation``.
-        held_out_vaf
-            Result of :meth:`held_out_vaf`, if it was computed.
-        unnamed_references
-            A sentence for each channel outside the ensemble that moves the angle.
-        """
-        given, label = self.recommendation, self.leading
-        recommendation = attrs.evolve(
-            given,
-            diagnosis=diagnosis or given.diagnosis,
-            unnamed_references=(*unnamed_references, *given.unnamed_references),
-        )
-        return trust_in(
-            self.models[label],
-            self.methods[label],
-            recommendation,
-            label in self.suited,
-            (held_out_vaf or {}).get(label, np.array([])),
-        )
+    def answer(self) -> Answer:
+        """Stiffness to report, and what it is worth. Held-out realizations are predicted first."""
+        held_out = self.held_out_vaf() if self.held_out is None else self.held_out
+        return answer(self.ensemble, self.methods, self.models, self.recommendation, held_out)
 
     def __repr__(self) -> str:
-        failed = f"; failed: {', '.join(self.failed)}" if self.failed else ""
-        return f"Comparison({', '.join(self.models)} on {self.ensemble!r}{failed})"
+        return "\n".join([f"{', '.join(self.models)} on {self.ensemble!r}", *self.answer.lines])
 
     def plot(self, title: str = "") -> Figure:
         """Draw the estimates of all methods."""
@@ -169,10 +137,7 @@ class Comparison:
         return plot(self, title)
 
     def _repr_html_(self) -> str:
-        level, reasons = self.trust()
-        lines = [repr(self), *map(": ".join, {**self.skipped, **self.failed}.items())]
-        if level == "none":
-            lines.append(" ".join(["No stiffness is stated.", *reasons]))
+        lines = [*repr(self).splitlines(), *map(": ".join, {**self.skipped, **self.failed}.items())]
         text = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
         return text + self.summary().to_html(index=False)
 
@@ -186,7 +151,7 @@ class Comparison:
 
         rows = []
         for label, model in self.models.items():
-            stiffness, (lower, upper) = model.stiffness, self.bands[label]["stiffness"]
+            stiffness, (lower, upper) = model.stiffness, model.limits("stiffness")
             lowest = np.argmin(np.nan_to_num(stiffness, nan=np.inf))
             highest = np.argmax(np.nan_to_num(stiffness, nan=-np.inf))
             row = {
@@ -212,7 +177,8 @@ class Comparison:
         tables: list[dict[str, Any]] = []
         for label, model in self.models.items():
             table: dict[str, Any] = {"time_s": model.time, "method": label}
-            for name, (lower, upper) in self.bands[label].items():
+            for name in _over_time(model):
+                lower, upper = model.limits(name)
                 values = model.over_time(name)
                 table |= {name: values, f"{name}_lower": lower, f"{name}_upper": upper}
             table["time_varying_vaf"] = self.time_varying_vaf.get(label, np.nan)
@@ -241,7 +207,7 @@ class Comparison:
         )
 
     def held_out_vaf(
-        self, folds: int = FOLDS, *, jobs: int = 1, progress: Progress = no_progress
+        self, folds: int = FOLDS, *, progress: Progress = no_progress
     ) -> dict[str, Array]:
         r"""Return the VAF of held-out realizations in %, by label, shape (realization,).
 
@@ -261,10 +227,6 @@ class Comparison:
         folds
             Number of folds, from two to the number of realizations. Each method is fitted once for
             each fold.
-        jobs
-            Number of worker processes; -1 for one per core. Workers are forked, which is safe on
-            Linux only. On other systems, folds are fitted one after the other. Use 1 if this
-            process has threads.
         progress
             As for :func:`compare`.
 
@@ -304,7 +266,7 @@ class Comparison:
         >>> {label: int(vaf.mean()) for label, vaf in comparison.held_out_vaf().items()}
         {'eirf': 84, 'sds': 92}
         """
-        return held_out_vaf(self.ensemble, self.methods, self.models, folds, jobs, progress)
+        return held_out_vaf(self.ensemble, self.methods, self.models, folds, progress)
 
 
 def _joined(tables: Iterable[dict[str, Any]]) -> pd.DataFrame:
@@ -314,12 +276,7 @@ def _joined(tables: Iterable[dict[str, Any]]) -> pd.DataFrame:
     return pd.concat([pd.DataFrame(), *map(pd.DataFrame, tables)], ignore_index=True)
 
 
-def _bands(model: Model) -> dict[str, Array]:
-    """Return the 95 % bands of the impedance and of all other estimates over time."""
-    none = np.full((2, len(model.time)), np.nan)
-    bands = dict.fromkeys(IMPEDANCE, none)
-    for name, estimate in model.estimates.items():
-        if estimate.axes in OVER_TIME:  # the mean of several realizations has no band
-            is_single = estimate.values.size == len(model.time)
-            bands[name] = np.reshape(estimate.limits(), (2, -1)) if is_single else none
-    return bands
+def _over_time(model: Model) -> list[str]:
+    """Return the names of the impedance and of all other estimates over time."""
+    further = (name for name, each in model.estimates.items() if each.axes in OVER_TIME)
+    return list(dict.fromkeys([*IMPEDANCE, *further]))

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from multiprocessing import get_context
+from collections.abc import Mapping
+from itertools import product
 
 import attrs
 import numpy as np
@@ -31,7 +26,6 @@ def held_out_vaf(
     methods: Mapping[str, Method],
     models: Mapping[str, Model],
     folds: int,
-    jobs: int,
     progress: Progress,
 ) -> dict[str, Array]:
     """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
@@ -40,19 +34,14 @@ def held_out_vaf(
     if len(ensemble) < 2 + ensemble.mean_subtracted:
         return vafs  # a single realization less its mean is zero
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
-    pairs = [(label, part) for part in parts for label in models]
-    tasks = [
-        partial(_held_out, ensemble, part, methods[label], models[label]) for label, part in pairs
-    ]
     failed: dict[str, str] = {}
     with single_thread():
-        for number, result in enumerate(_results(tasks, jobs)):
-            progress(number, len(tasks))
-            label, part = pairs[number]
-            if isinstance(result, str):
-                failed.setdefault(label, result)
-            else:
-                vafs[label][part] = result
+        for number, (part, label) in enumerate(product(parts, models)):
+            progress(number, len(parts) * len(models))
+            try:
+                vafs[label][part] = _held_out(ensemble, part, methods[label], models[label])
+            except Exception as error:  # a user's method may raise anything; the others go on
+                failed.setdefault(label, describe_error(error))
     for label, reason in failed.items():
         text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
         warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
@@ -61,8 +50,8 @@ def held_out_vaf(
 
 def _held_out(
     ensemble: Ensemble, held_out: NDArray[np.int64], method: Method, model: Model
-) -> Array | str:
-    """Return the VAF of realizations by a fit to the others, or why there is none.
+) -> Array:
+    """Return the VAF of realizations by a fit to the others.
 
     ``model`` is the method's model of all realizations.
     """
@@ -77,32 +66,8 @@ def _held_out(
     torque[held_out] = 0.0  # hide it from a method that reads the torque to predict it
     channels = {**ensemble.channels, **centered}
     given = attrs.evolve(ensemble, angle=angle, torque=torque, channels=channels)
-    try:
-        with warnings.catch_warnings():
-            # The fit to all realizations has warned already.
-            warnings.simplefilter("ignore", DataQualityWarning)
-            predicted = deviation(method.refit(given.select(kept), model).predict(given))
-    except Exception as error:  # a user's method may raise anything; the others go on
-        return describe_error(error)
+    with warnings.catch_warnings():
+        # The fit to all realizations has warned already.
+        warnings.simplefilter("ignore", DataQualityWarning)
+        predicted = deviation(method.refit(given.select(kept), model).predict(given))
     return vaf(measured, predicted[held_out])
-
-
-Task = Callable[[], Array | str]
-_tasks: list[Task] = []  # a forked worker inherits them without pickling
-
-
-def _results(tasks: Sequence[Task], jobs: int) -> Iterator[Array | str]:
-    """Run the tasks, on Linux in forked workers. Other systems cannot fork safely."""
-    if jobs == 1 or sys.platform != "linux":
-        yield from (task() for task in tasks)
-        return
-    _tasks[:] = tasks
-    workers = min(len(tasks), len(os.sched_getaffinity(0)) if jobs < 1 else jobs)
-    # Ctrl-C ends the parent, which ends its workers.
-    start = signal.signal, (signal.SIGINT, signal.SIG_IGN)
-    with ProcessPoolExecutor(workers, get_context("fork"), *start) as pool:
-        yield from pool.map(_run, range(len(tasks)))
-
-
-def _run(number: int) -> Array | str:
-    return _tasks[number]()

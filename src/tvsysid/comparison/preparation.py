@@ -15,7 +15,7 @@ from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
-from tvsysid.recommendation.trust import LOOP, WRONG
+from tvsysid.recommendation.answer import LOOP, WRONG
 from tvsysid.recordings.reading import Segmentation
 from tvsysid.signals import Array, Ensemble, Recording
 
@@ -43,8 +43,8 @@ class PreparedRecording:
         Frequency in Hz of the mains hum that was subtracted; 0 for none.
     centered
         Channels that lost their mean.
-    diagnosis
-        Diagnosis of ``ensemble``, if one was made in search of a delay and none was corrected.
+    searched
+        Diagnosis of ``diagnosed``, if one was made in search of a delay and none was corrected.
     """
 
     ensemble: Ensemble
@@ -54,7 +54,17 @@ class PreparedRecording:
     notes: tuple[str, ...] = ()
     mains: float = 0.0
     centered: tuple[str, ...] = ()
-    diagnosis: Diagnosis | None = None
+    searched: Diagnosis | None = None
+
+    def diagnose(self, reference: str | None = None) -> Diagnosis | str:
+        """Diagnose the data as they are identified; return why not if they are too short."""
+        found = None if reference else self.searched
+        try:
+            repeats = self.diagnosed is self.ensemble
+            found = found or diagnose(self.diagnosed, reference, repeats=repeats)
+        except InputError as error:
+            return str(error).removeprefix("diagnose: ")
+        return attrs.evolve(found, checks=(*found.checks, *self.findings))
 
 
 def prepare_recording(
@@ -64,7 +74,6 @@ def prepare_recording(
     *,
     align_channels: bool = True,
     remove_mains: bool = True,
-    jobs: int = 1,
 ) -> PreparedRecording:
     """Leave out gaps, subtract mains hum, correct a delay, decimate, and cut into realizations.
 
@@ -82,8 +91,6 @@ def prepare_recording(
         predicted better without.
     remove_mains
         Whether to subtract mains hum that shows in the angle.
-    jobs
-        As of :meth:`tvsysid.Comparison.held_out_vaf`.
     """
     period, context = segmentation.period, segmentation.context
     names = tuple(name for name in centered if name in recording.channels)
@@ -130,7 +137,7 @@ def prepare_recording(
         with suppress(InputError):  # realizations are too few, or too short
             diagnosis = diagnose(diagnosed(0.0))
     if diagnosis is not None:
-        delay, decision = delay_to_correct(ensemble, diagnosis, jobs)
+        delay, decision = delay_to_correct(ensemble, diagnosis)
         notes += filter(None, [decision])
     return PreparedRecording(
         ensemble(delay),
@@ -140,13 +147,11 @@ def prepare_recording(
         tuple(notes),
         mains,
         names,
-        diagnosis if diagnosed(delay) is ensemble(0.0) else None,
+        None if delay else diagnosis,
     )
 
 
-def delay_to_correct(
-    cut: Callable[[float], Ensemble], diagnosis: Diagnosis, jobs: int = 1
-) -> tuple[float, str]:
+def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> tuple[float, str]:
     """Choose how much of a torque delay to correct: all of it, half of it or none.
 
     A joint that is not of second order, or a compliant fixture, looks like a delay of another
@@ -160,8 +165,6 @@ def delay_to_correct(
         Function that returns the ensemble after correction of a delay in s.
     diagnosis
         Diagnosis of the data as recorded.
-    jobs
-        As of :meth:`tvsysid.Comparison.held_out_vaf`.
 
     Returns
     -------
@@ -178,7 +181,7 @@ def delay_to_correct(
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000
     try:
         ensembles = [cut(delay) for delay in delays]
-        vafs = _held_out_vafs(ensembles, jobs) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
+        vafs = _held_out_vafs(ensembles) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
     except InputError as error:
         return 0.0, f"{what}; none of it is corrected: {error}"
     none, half, every = means = vafs.mean(axis=1)
@@ -194,7 +197,7 @@ def delay_to_correct(
     )
 
 
-def _held_out_vafs(ensembles: Sequence[Ensemble], jobs: int) -> Array:
+def _held_out_vafs(ensembles: Sequence[Ensemble]) -> Array:
     """Return the held-out VAF of each ensemble by ``adaptive``, shape (ensemble, realization).
 
     It identifies the first ensemble, and starts from this model for the others.
@@ -203,5 +206,5 @@ def _held_out_vafs(ensembles: Sequence[Ensemble], jobs: int) -> Array:
         warnings.simplefilter("ignore", DataQualityWarning)
         found = compare(ensembles[0], ["adaptive"])
         each_found = [attrs.evolve(found, ensemble=each) for each in ensembles]
-        vafs = [each.held_out_vaf(2, jobs=jobs)["adaptive"] for each in each_found]
+        vafs = [each.held_out_vaf(2)["adaptive"] for each in each_found]
     return np.array([each[: min(map(len, vafs))] for each in vafs])

@@ -10,13 +10,11 @@ from threading import Lock
 import attrs
 
 from tvsysid.comparison import Comparison, PreparedRecording, compare, prepare_recording
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import DataQualityWarning
 from tvsysid.explorer.settings import Settings
 from tvsysid.figures import drawn, identified_quantity
 from tvsysid.methods import centered_channels, parse
-from tvsysid.quality import Diagnosis, diagnose
 from tvsysid.recordings import read_recording
-from tvsysid.report.answer import Account, answer
 
 ONE_AT_A_TIME = Lock()  # warnings and the figures' style belong to all threads
 
@@ -29,8 +27,6 @@ class Outcome:
     prepared: PreparedRecording
     found: Comparison
     notes: tuple[str, ...]
-    lines: list[str]  # the answer, as ``tvsysid identify`` prints it
-    diagnosis: Diagnosis | str  # or why there is none
     picture: bytes  # SVG
 
 
@@ -51,13 +47,8 @@ def outcome(settings: Settings, quantity: str = "stiffness", simultaneous: bool 
     source = settings.source
     changed = source.stat().st_mtime_ns if isinstance(source, Path) and source.exists() else 0
     prepared, found, notes = _identified(settings, changed)
-    try:
-        diagnosis: Diagnosis | str = found.recommendation.diagnosis or diagnose(found.ensemble)
-    except InputError as error:
-        diagnosis = str(error)
     figure = identified_quantity(found.models, quantity, simultaneous=simultaneous)
-    lines = answer(Account(found))
-    return Outcome(settings, prepared, found, notes, lines, diagnosis, drawn(figure, "svg"))
+    return Outcome(settings, prepared, found, notes, drawn(figure, "svg"))
 
 
 @lru_cache(maxsize=16)
@@ -68,7 +59,10 @@ def _identified(
     prepared, before = _prepared(attrs.evolve(settings, method=""), centered, changed)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
-        found = compare(prepared.ensemble, [settings.method])
+        methods = [] if settings.method == "adaptive" else [settings.method]
+        found = compare(prepared.ensemble, methods)
+        diagnosis = prepared.diagnose(found.inputs.get("reference"))
+        found = attrs.evolve(found, diagnosis=diagnosis, held_out=found.held_out_vaf())
     return prepared, found, (*before, *dict.fromkeys(str(each.message) for each in caught))
 
 

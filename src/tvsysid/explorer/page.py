@@ -82,9 +82,9 @@ def result(form: Mapping[str, str], start: Settings) -> str:
 
 def shown(found: Outcome, quantity: str = "stiffness") -> str:
     """Return an outcome as HTML."""
-    (model,), words = found.found.models.values(), quantity.replace("_", " ")
+    answer, words = found.found.answer, quantity.replace("_", " ")
     summary = found.found.summary().set_index("method").T
-    over_time = found.found.over_time().drop(columns="method").set_index("time_s")
+    over_time = found.found.over_time().set_index("method").loc[answer.label].set_index("time_s")
     every = max(1, len(over_time) // (MAX_TIMES - 1))
     again = {
         "On the command line": found.settings.command,
@@ -97,7 +97,7 @@ def shown(found: Outcome, quantity: str = "stiffness") -> str:
             error="",
             found=found,
             words=words,
-            is_identified=quantity in model.estimates,
+            is_identified=quantity in answer.model.estimates,
             picture=base64.b64encode(found.picture).decode(),
             summary=_table(summary.rename(lambda name: name.replace("half_band", "95 % band, ±"))),
             over_time=_table(over_time.iloc[::every]),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.figures import style
@@ -25,7 +26,11 @@ BINS = 40
 
 @style.styled
 def identified_impedance(
-    models: Mapping[str, Model], vaf: Mapping[str, Array], title: str = "", but_over: str = ""
+    models: Mapping[str, Model],
+    vaf: Mapping[str, Array],
+    title: str = "",
+    but_over: str = "",
+    spread: ArrayLike = np.nan,
 ) -> Figure:
     """Draw every quantity of the models with 95 % bands: stiffness above its VAF, others beside it.
 
@@ -42,6 +47,8 @@ def identified_impedance(
         if it is empty.
     but_over
         Variable over which nothing is drawn, because :func:`scheduled_estimates` does.
+    spread
+        How far methods differ from the first in N·m/rad, shape (time,): a lighter band.
     """
     beside = drawn_quantities(models, but_over)[1:]
     left = ["stiffness", "stiffness", "VAF" if vaf else "stiffness"]
@@ -51,6 +58,11 @@ def identified_impedance(
     grid = figure.subplot_mosaic(mosaic, width_ratios=[1.6, 1])
     for name in ("stiffness", *beside):
         draw_quantity(grid[name], name, models)
+    if np.isfinite(spread).any():
+        first = next(iter(models.values()))
+        limits = (first.stiffness + sign * np.asarray(spread) for sign in (-1, 1))
+        shade: Any = {"color": style.INK, "alpha": 0.12, "linewidth": 0, "zorder": 1}
+        grid["stiffness"].fill_between(first.time, *limits, label="methods differ", **shade)
     for label, look in _lines(models).items() if vaf else ():
         style.curve(grid["VAF"], models[label].time, vaf[label], **look)
         text = "time-varying VAF (%)"

@@ -63,7 +63,10 @@ def plot(shown: Any, title: str = "") -> Figure:  # noqa: PLR0911  # one for eac
         case Model():
             return identified_impedance({shown.method: shown}, {}, title)
         case Comparison():
-            return identified_impedance(shown.models, shown.time_varying_vaf, title)
+            answer = shown.answer
+            models = {answer.label: answer.model} | dict(shown.models)
+            vaf = shown.time_varying_vaf
+            return identified_impedance(models, vaf, title, spread=answer.spread)
         case Evidence():
             return tuning_curves({shown.criterion: shown}, title)
         case Plan():

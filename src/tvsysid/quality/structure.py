@@ -165,7 +165,7 @@ def _predicted(signal: Array, cause: Array) -> float:
     effect="methods with one pathway include the torque of the stretch reflex in the stiffness: "
     "stiffness and inertia come out too high, viscosity too low, whatever the lags; no band shows "
     "it",
-    remedy="separate the pathways: tv.JointCascade() (tvsysid identify … --method cascade)",
+    remedy="separate the pathways: tv.AdaptiveRegression() (tvsysid identify … --method adaptive)",
 )
 def reflex(data: FittedEnsemble) -> Measured:
     """Test whether late velocity of one direction predicts torque as a stretch reflex does.

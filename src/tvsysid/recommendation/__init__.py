@@ -1,10 +1,6 @@
-"""Recommend a method for an ensemble, and judge how far its stiffness can be trusted."""
+"""Recommend a method for an ensemble, and judge what an identified stiffness is worth."""
 
-from tvsysid.recommendation.recommendation import (
-    Recommendation,
-    find_unnamed_references,
-    recommend,
-)
-from tvsysid.recommendation.trust import Trust, trust_in
+from tvsysid.recommendation.answer import Answer, answer
+from tvsysid.recommendation.method import Recommendation, find_unnamed_references, recommend
 
-__all__ = ["Recommendation", "Trust", "find_unnamed_references", "recommend", "trust_in"]
+__all__ = ["Answer", "Recommendation", "answer", "find_unnamed_references", "recommend"]

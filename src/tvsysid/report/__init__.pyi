@@ -1,5 +1,4 @@
 # What the package offers; read by type checkers, and by lazy_loader when a name is first used.
-from .answer import Account as Account
 from .diagnosis import write_diagnosis as write_diagnosis
 from .experiment import write_experiment_report as write_experiment_report
 from .folder import write_folder as write_folder

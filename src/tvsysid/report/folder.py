@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import attrs
 
+from tvsysid.comparison import Comparison
 from tvsysid.errors import printable
 from tvsysid.figures import save, scheduled_estimates, tuning_curves, variable_of
 from tvsysid.figures.words import count
 from tvsysid.recordings import write_models, write_table
-from tvsysid.report.answer import Account
 from tvsysid.report.identification import illustrations, write_identification
 from tvsysid.report.sheet import facts, group_name, write_sheet
 
 
 def write_folder(
-    folder: Path, account: Account, command: str = "", sheet: bool = False
+    folder: Path,
+    found: Comparison,
+    source: Mapping[str, str],
+    corrections: Sequence[str] = (),
+    command: str = "",
+    sheet: bool = False,
 ) -> list[str]:
     """Write all that ``tvsysid identify`` writes.
 
@@ -24,8 +30,10 @@ def write_folder(
     ----------
     folder
         Folder of the files.
-    account
-        What was found, and what is known of it.
+    found
+        What was found.
+    source, corrections
+        As of :func:`write_identification`.
     command
         Command that was typed, for the page.
     sheet
@@ -36,9 +44,9 @@ def write_folder(
     list of str
         Names of all files.
     """
-    found, title = account.found, printable(_title(account))
+    title = printable(_title(found, source))
     tables = {"stiffness": found.over_time()}
-    on_page = illustrations(account)
+    on_page = illustrations(found)
     stem = "methods" if "methods" in on_page else "answer"
     impedance = on_page[stem].draw()
     impedance.suptitle(title)
@@ -57,10 +65,13 @@ def write_folder(
         tables["tuning"] = pd.concat(tried, names=["method"]).reset_index("method")
         figures["tuning"] = tuning_curves(found.evidence)
     models = {group_name(label): model for label, model in found.models.items()}
-    write_models(folder / "models.nc", models, found.ensemble, facts(account))
+    write_models(folder / "models.nc", models, found.ensemble, facts(found, source.get("file", "")))
     for name, table in tables.items():
         write_table(folder / f"{name}.csv", table)
-    write_identification(folder / "report.html", account, command, on_page)
+    page = folder / "report.html"
+    write_identification(
+        page, found, command, source=source, corrections=corrections, figures=on_page
+    )
     if sheet:
         write_sheet(folder / "sheet.html", [folder])
     pictures = [f"{name}.{ending}" for name in figures for ending in ("png", "pdf")]
@@ -70,11 +81,11 @@ def write_folder(
     return [*pages, *(f"{name}.csv" for name in tables), *pictures]
 
 
-def _title(account: Account) -> str:
+def _title(found: Comparison, source: Mapping[str, str]) -> str:
     """Return the title of the figures: the data, and the correction of a delay."""
-    ensemble = account.found.ensemble
-    title = "not valid: " if account.trust.level == "none" else ""
-    title += f"{account.source.get('file', 'ensemble')}: {count(len(ensemble), 'realization')} of "
+    ensemble = found.ensemble
+    title = "" if found.answer.is_stated else "not valid: "
+    title += f"{source.get('file', 'ensemble')}: {count(len(ensemble), 'realization')} of "
     title += f"{ensemble.duration:g} s"
     if delay := 1000 * ensemble.delay_removed:
         title += f"; torque taken {abs(delay):.3g} ms {'earlier' if delay > 0 else 'later'}"

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
-from tvsysid.comparison.comparison import FOLDS
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tvsysid.comparison.comparison import FOLDS, Comparison
 from tvsysid.errors import by_text
 from tvsysid.figures import (
     Illustration,
@@ -18,16 +22,20 @@ from tvsysid.figures import (
 from tvsysid.methods.base import Method
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning.evidence import Tuned
-from tvsysid.recommendation.trust import negative_reflex, reflex_shown
-from tvsysid.report.answer import Account, answer, estimates, further
+from tvsysid.numerics.bands import mean_of
+from tvsysid.recommendation.answer import has_one_pathway, reflex_shown
+from tvsysid.report.estimates import estimates, further
 from tvsysid.report.page import filled, render
 from tvsysid.validators import settings_of as setting_values
 
 
 def write_identification(
     path: str | Path,
-    account: Account,
+    found: Comparison,
     command: str = "",
+    *,
+    source: Mapping[str, str] = MappingProxyType({}),
+    corrections: Sequence[str] = (),
     figures: Mapping[str, Illustration] | None = None,
 ) -> None:
     """Write one HTML file that says what was identified and how, and needs nothing else.
@@ -36,10 +44,14 @@ def write_identification(
     ----------
     path
         Of the file, which appears whole or not at all.
-    account
-        What was found, and what is known of it.
+    found
+        What was found.
     command
         What was typed, if it is to be mentioned.
+    source
+        Origin of the data, as rows of a table (``{"file": "ankle.mat", "angle": "channel pos"}``).
+    corrections
+        Corrections when the file was read (``["the torque's sign was reversed"]``).
     figures
         Figures by name, if they are drawn already; as ``illustrations`` returns them.
 
@@ -51,13 +63,10 @@ def write_identification(
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> found = tv.compare(ensemble, ["sds", "birf"])
-    >>> account = tv.report.Account(found, found.held_out_vaf(), tv.diagnose(ensemble))
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     tv.report.write_identification(f"{folder}/report.html", account)
+    ...     tv.report.write_identification(f"{folder}/report.html", found)
     """
-    found, label = account.found, account.found.leading
-    table = estimates(found)
-    methods = found.summary().assign(held_out=[*map(account.held_out_mean, found.models)])
+    table, label = estimates(found), found.answer.label
     warned = (
         (label, text)
         for label, model in found.models.items()
@@ -71,36 +80,41 @@ def write_identification(
     render(
         path,
         "identification.html",
-        **account.values,
-        lines=answer(account),
-        pictures=draw_all(figures or illustrations(account)),
+        answer=found.answer,
+        found=found,
+        ensemble=found.ensemble,
+        diagnosis=found.recommendation.diagnosis,
+        source=source,
+        pictures=draw_all(figures or illustrations(found)),
         quantities=table[(table.method == label) & table["lowest at (s)"].notna()],
         further=further(found),
-        switches=getattr(found.models[label], "switches", ()),
-        methods=methods,
+        switches=getattr(found.answer.model, "switches", ()),
+        methods=found.summary().assign(held_out=[*found.answer.vaf.values()]),
         settings=settings_of,
         problems=problems,
-        paragraph=methods_paragraph(account),
-        bibliography=methods_bibliography(account),
+        paragraph=methods_paragraph(found, corrections),
+        bibliography=methods_bibliography(found),
         command=command,
     )
 
 
-def illustrations(account: Account) -> dict[str, Illustration]:
+def illustrations(found: Comparison) -> dict[str, Illustration]:
     """Return the answer, estimates over a variable, and a comparison if methods are several."""
-    found, label = account.found, account.found.leading
-    vaf, variable = found.time_varying_vaf, variable_of(found.models, found.ensemble)
+    answer, variable = found.answer, variable_of(found.models, found.ensemble)
+    vaf = found.time_varying_vaf
     below = ", and the time-varying VAF" if vaf else ""
 
-    def impedance(whose: str, labels: list[str]) -> Illustration:
+    def impedance(whose: str, labels: list[str], spread: ArrayLike = np.nan) -> Illustration:
         models = {each: found.models[each] for each in labels}
-        draw = partial(identified_impedance, models, vaf, but_over=variable)
+        draw = partial(identified_impedance, models, vaf, but_over=variable, spread=spread)
         text = f"Every quantity that was estimated {whose}, with 95 % bands{below}."
+        if np.isfinite(spread).any():
+            text += " The lighter band shows how far methods differ."
         return Illustration(draw, f"Impedance over time {whose}", text)
 
     drawn = {}
-    if account.trust.level != "none":
-        drawn["answer"] = impedance(f"by {label}", [label])
+    if answer.is_stated:
+        drawn["answer"] = impedance(f"by {answer.label}", [answer.label], answer.spread)
         if variable:
             draw = partial(scheduled_estimates, found.models, found.ensemble, variable)
             text = (
@@ -113,24 +127,32 @@ def illustrations(account: Account) -> dict[str, Illustration]:
     return drawn
 
 
-def methods_paragraph(account: Account) -> str:
+def methods_paragraph(found: Comparison, corrections: Sequence[str] = ()) -> str:
     """Return a paragraph on data, methods, settings and results, with citations."""
-    found, model = account.found, account.found.models[account.found.leading]
     text = filled(
         "paragraph.txt",
-        **account.values,
+        answer=found.answer,
+        found=found,
+        ensemble=found.ensemble,
+        diagnosis=found.recommendation.diagnosis,
+        corrections=corrections,
         cited=cited,
         settings=settings_of,
         folds=min(FOLDS, len(found.ensemble)),
-        reflex_shown=reflex_shown(model),
-        negative=negative_reflex(model),
+        in_sample=mean_of(found.vaf[found.answer.label]),
+        reflex_shown=reflex_shown(found.answer.model),
+        one_pathway=[
+            label
+            for label, model in found.models.items()
+            if has_one_pathway(found.methods[label], model)
+        ],
     )
     return " ".join(text.split())
 
 
-def methods_bibliography(account: Account) -> str:
+def methods_bibliography(found: Comparison) -> str:
     """Return the BibTeX entries of all citations of the paragraph."""
-    keys = [key for method in account.found.methods.values() for key in method.cites]
+    keys = [key for method in found.methods.values() for key in method.cites]
     return bibliography(["tvsysid", "vanderuit2021", *keys])
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tvsysid import __version__
 from tvsysid.errors import printable
 from tvsysid.figures.words import count
-from tvsysid.recommendation.trust import sentence
+from tvsysid.recommendation.answer import sentence
 from tvsysid.recordings import whole_file
 
 if TYPE_CHECKING:

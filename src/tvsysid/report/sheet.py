@@ -11,46 +11,48 @@ from typing import Any
 import numpy as np
 
 from tvsysid import __version__
+from tvsysid.comparison import Comparison
 from tvsysid.errors import InputError
 from tvsysid.figures import Illustration, draw_all
 from tvsysid.figures.visits import Visit, stiffness_of_visits
-from tvsysid.recommendation.trust import sentence
-from tvsysid.report.answer import Account, answer
+from tvsysid.quality import Diagnosis
+from tvsysid.recommendation.answer import sentence
 from tvsysid.report.page import in_text, render
 
 MAX_VISITS = 6  # on one page
 
 
-def facts(account: Account) -> dict[str, str | float]:
+def facts(found: Comparison, file: str = "") -> dict[str, str]:
     """Return the facts for a sheet, as attributes of the file of models."""
-    found, label = account.found, account.found.leading
+    answer, label = found.answer, found.answer.label
     row: Any = found.summary().set_index("method").loc[label]
     values = {
-        "stiffness (N·m/rad)": in_text(row["stiffness (N·m/rad)"], row["half_band (N·m/rad)"], 1)
+        "stiffness (N·m/rad)": in_text(row["stiffness (N·m/rad)"], row["half_band (N·m/rad)"], 1),
+        "methods differ by (N·m/rad)": in_text(answer.difference, decimals=1),
     }
     for end in ("lowest", "highest"):
         where = f" at {row[f'{end} at (s)']:.2f} s"
         values[f"{end} (N·m/rad)"] = in_text(row[f"{end} (N·m/rad)"], decimals=1) + where
     for name, decimals in {"viscosity (N·m·s/rad)": 2, "inertia (kg·m²)": 4}.items():
         values[name] = in_text(row[name], decimals=decimals)
-    if account.trust.level == "none":
+    if not answer.is_stated:
         values = dict.fromkeys(values, "not valid")
-    faults = "not diagnosed"
-    if account.diagnosis is not None:
-        faults = ", ".join(each.name for each in account.diagnosis.findings) or "none"
+    diagnosis, faults = found.recommendation.diagnosis, "not diagnosed"
+    if isinstance(diagnosis, Diagnosis):
+        faults = ", ".join(each.name for each in diagnosis.findings) or "none"
     columns = {
         "data": f"{len(found.ensemble)} × {found.ensemble.duration:g} s",
         "method": label,
         **values,
-        "VAF (%)": in_text(account.held_out_mean(label), decimals=1),
+        "VAF (%)": in_text(answer.vaf[label], decimals=1),
         "faults of the data": faults,
     }
     return {
         "tvsysid": __version__,
         "leading": group_name(label),
-        "answer": " ".join(map(sentence, answer(account))),
-        "trust": account.trust.level,
-        "file": account.source.get("file", ""),
+        "answer": " ".join(map(sentence, answer.lines)),
+        "trust": answer.trust,
+        "file": file,
         "sheet": json.dumps(columns, ensure_ascii=False),
     }
 

@@ -1,7 +1,6 @@
-"""Trust in a stiffness: reasons to withdraw it, and to doubt it."""
+"""The answer: what is stated of a stiffness, why it is withdrawn, and how far methods differ."""
 
 import math
-from types import SimpleNamespace
 
 import attrs
 import numpy as np
@@ -10,19 +9,26 @@ from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.quality import FAULTS, Finding
-from tvsysid.recommendation import Recommendation, trust_in
-from tvsysid.recommendation.trust import DOUBTFUL, LOOP, WRONG
+from tvsysid.quality.diagnosis import Diagnosis
+from tvsysid.recommendation import Recommendation
+from tvsysid.recommendation.answer import DOUBTFUL, LOOP, WRONG, model_spread, trust_in
+from tvsysid.recommendation.method import Measured
 
-SUITS = Recommendation(("adaptive",), "the behaviour repeats", {})
+SUITS = Recommendation(("adaptive",), "the behaviour repeats")
 NONE_SUITS = attrs.evolve(SUITS, suited=(), why="the torque is too weak. Perturb more")
-SLOW = attrs.evolve(SUITS, measured={"slow noise": (12.0, "dB")})
-BIASED = attrs.evolve(SLOW, measured={**SLOW.measured, "noise bias": (26.0, "%")})
+SLOW = attrs.evolve(SUITS, measured=Measured(slow_noise=12.0))
+BIASED = attrs.evolve(SUITS, measured=Measured(slow_noise=12.0, noise_bias=26.0))
 BY_REFERENCE = tv.BasisIRF(reference="cmd")
 
 
 @pytest.fixture(scope="module")
-def model():
-    return tv.BasisIRF().identify(tv.preprocess.subtract_mean(ensemble_of(20.0)))
+def ensemble():
+    return tv.preprocess.subtract_mean(ensemble_of(20.0))
+
+
+@pytest.fixture(scope="module")
+def model(ensemble):
+    return tv.BasisIRF().identify(ensemble)
 
 
 @pytest.fixture
@@ -37,14 +43,13 @@ def judged(model):
         unnamed=(),
         sign=1,
     ):
-        findings = [Finding(name, size, f"{name} was seen") for name in faults]
-        diagnosis = SimpleNamespace(findings=findings, remarks=()) if faults else None
+        checks = tuple(Finding(name, size, f"{name} was seen") for name in faults)
+        diagnosis = Diagnosis(checks, {}, None, "")
         known = attrs.evolve(known, diagnosis=diagnosis, unnamed_references=unnamed)
         stiffness = model.estimates["stiffness"]
         turned = attrs.evolve(stiffness, values=sign * stiffness.values)
         own = attrs.evolve(model, estimates={**model.estimates, "stiffness": turned})
-        held_out = np.full(3, held_out_vaf)
-        return trust_in(own, method or tv.BasisIRF(), known, suited, held_out)
+        return trust_in(own, method or tv.BasisIRF(), known, suited, held_out_vaf)
 
     return judge
 
@@ -83,9 +88,8 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
     ],
 )
 def test_levels_and_their_reason(judged, faults, words, level, start):
-    trust = judged(*faults, **words)
-    (reason,) = trust.reasons
-    assert trust.level == level
+    trust, (reason,) = judged(*faults, **words)
+    assert trust == level
     assert reason.startswith(start)
 
 
@@ -105,3 +109,45 @@ def test_levels_and_their_reason(judged, faults, words, level, start):
 )
 def test_sound_results_are_trusted(judged, faults, words):
     assert judged(*faults, **words) == ("good", ())
+
+
+def test_at_most_three_reasons_the_worst_first(judged):
+    trust, reasons = judged("drift", "mains", "gaps", "clipped-angle")
+    assert trust == "doubtful"
+    assert [reason.partition(" was seen")[0].split(": ")[1] for reason in reasons] == [
+        "clipped-angle",
+        "drift",
+        "gaps",
+    ]
+
+
+def with_stiffness(model, values):
+    estimates = {"stiffness": tv.Estimate(np.full(len(model.time), values), "N m/rad")}
+    return attrs.evolve(model, estimates=estimates)
+
+
+def test_the_spread_weighs_methods_by_the_torque_that_they_leave_unpredicted(ensemble, model):
+    methods = {name: tv.BasisIRF() for name in ("own", "near", "far", "unknown")}
+    values = {"own": 100.0, "near": 102.0, "far": 120.0, "unknown": 500.0}
+    models = {name: with_stiffness(model, value) for name, value in values.items()}
+    vaf = {"own": 90.0, "near": 90.0, "far": 60.0, "unknown": math.nan}
+    spread = model_spread(ensemble, methods, models, "own", vaf)
+    expected = 1.96 * math.sqrt((2.0**2 + 20.0**2 / 4) / 2.25)
+    np.testing.assert_allclose(spread, expected)
+    alone = model_spread(ensemble, methods, {"own": models["own"]}, "own", vaf)
+    assert np.isnan(alone).all()
+
+
+@pytest.mark.slow
+def test_methods_with_one_pathway_differ_by_what_they_say_without_the_reflex():
+    joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.Constant(100.0), reflex_gain=8.0)
+    perturbed = {"perturbation": tv.simulate.FilteredNoise(), "snr_db": 20, "seed": 1}
+    recording = joint.simulate(60, **perturbed).recording
+    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["cascade", "kbr"])
+    assert found.answer.label == "cascade"
+    as_it_is = abs(found.models["kbr"].stiffness - found.answer.stiffness).mean()
+    assert found.answer.difference < 0.3 * as_it_is
+    first, *_ = str(found).splitlines()[1:]
+    assert first.startswith("recommended (cascade): stiffness ")
+    assert first.endswith(f"; methods differ by ± {found.answer.difference:.1f}")

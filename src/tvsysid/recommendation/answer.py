@@ -1,0 +1,336 @@
+"""Judge what an identified stiffness is worth: its method, band, trust, and spread of methods.
+
+Command, pages, notebook, sheet and explorer show this answer.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import attrs
+import numpy as np
+
+from tvsysid.dataset_layout import UNITS
+from tvsysid.errors import DataQualityWarning
+from tvsysid.methods.adaptive.model import AdaptiveModel, changes
+from tvsysid.methods.base import Method
+from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_of
+from tvsysid.quality import Diagnosis, Finding
+from tvsysid.recommendation.method import MIN_INFORMATION, RECORD_REFERENCE, Recommendation
+from tvsysid.signals import Array, Ensemble
+
+LEVEL = 1.96  # standard deviations within which 95 % of methods would lie
+MAX_NEGATIVE_PERCENT = 2.5  # of the time: a 95 % band lies below the truth this often by chance
+MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
+MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
+MAX_REASONS = 3
+# Faults that make every method's stiffness wrong, the cause of others first, and those that do so
+# without a reference.
+WRONG = ("same-channel", "torque-unit", "angle-unit", "reversed-torque", "wrong-period")
+LOOP = ("loop-bias", "feedback")
+# Faults that make the stiffness doubtful, the worst first.
+DOUBTFUL = (
+    "clipped-angle",
+    "clipped-torque",
+    "sampling-rate",
+    "narrow-excitation",
+    "weak-answer",
+    "slow-answer",
+    "delay",
+    "drift",
+    "scattered-realizations",
+    "misaligned-realizations",
+    "mean-angle",
+    "mean-torque",
+    "lost-torque",
+    "gaps",
+    "mains",
+)
+UNPREDICTED = (
+    "The model predicts none of the torque of held-out realizations. Check the channels (--angle, "
+    "--torque), or record more."
+)
+POSSIBLE_LOOP = (
+    "The torque's noise is slow or strong. If the actuator is compliant, this noise moves the "
+    f"angle, and stiffness is underestimated. {RECORD_REFERENCE}, and name it as the reference."
+)
+Trust: TypeAlias = Literal["good", "doubtful", "none"]
+
+
+@attrs.frozen(eq=False, repr=False)
+class Answer:
+    """Stiffness to report, how far it can be trusted, and why not further.
+
+    Parameters
+    ----------
+    label, model
+        Label of the method whose stiffness is stated, and its model.
+    is_recommended
+        Whether the data recommend this method, or it is ``adaptive``.
+    trust
+        ``"good"``, ``"doubtful"``, or ``"none"`` if no stiffness is stated.
+    reasons
+        At most three sentences, the worst first: what is doubtful, and the option that mends it.
+    vaf
+        VAF of held-out realizations by each method in %, by label. NaN if unknown.
+    spread
+        How far methods differ, in N·m/rad at each time, shape (time,). See :func:`model_spread`.
+    """
+
+    label: str
+    model: Model
+    is_recommended: bool
+    trust: Trust
+    reasons: tuple[str, ...]
+    vaf: Mapping[str, float]
+    spread: Array
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether a stiffness is stated."""
+        return self.trust != "none"
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness in N·m/rad, shape (time,); NaN if none is stated."""
+        return self.model.stiffness if self.is_stated else np.full(len(self.model.time), np.nan)
+
+    @property
+    def half_band(self) -> float:
+        """Half width of the stiffness's 95 % band, mean over time. NaN without one."""
+        lower, upper = self.model.limits("stiffness")
+        return mean_of(upper - lower) / 2
+
+    @property
+    def difference(self) -> float:
+        """Mean of the ``spread`` over time in N·m/rad. NaN if unknown."""
+        return mean_of(self.spread)
+
+    @cached_property
+    def lines(self) -> tuple[str, ...]:
+        """Sentences that state the stiffness, or say why none is stated."""
+        if not self.is_stated:
+            first, *others = self.reasons
+            return (f"no stiffness is stated. {first}", *others)
+        role = "recommended" if self.is_recommended else ""
+        role = "doubtful" if self.trust == "doubtful" else role
+        stated = f"{role} ({self.label})" if role else self.label
+        lines, known = [], self.stiffness[np.isfinite(self.stiffness)]
+        scheduled = self.model.estimates.get("scheduled_stiffness")
+        if scheduled is not None:
+            (variable,), (lower, upper) = scheduled.axes, scheduled.limits()
+            at = self.model.coordinates[variable]
+            values = (
+                f"{scheduled.values[each]:.1f} ± {(upper - lower)[each] / 2:.1f} at {at[each]:.3g}"
+                for each in (0, len(at) // 2, -1)
+            )
+            over = f"stiffness over {variable}: {', '.join(values)} (N·m/rad, ± 95 % band)"
+            lines, stated = [f"{stated}: {over}"], "over time"
+        if known.size:
+            name = "" if lines else "stiffness "
+            lines.append(
+                f"{stated}: {name}{known.min():.1f} to {known.max():.1f} N·m/rad, "
+                f"{known.mean():.1f} on average, {self._bands()}"
+            )
+        elif not lines:
+            lines = [f"{self.label} estimates no stiffness over time"]
+        return (
+            *lines,
+            *self.reasons,
+            *(changes(self.model) if isinstance(self.model, AdaptiveModel) else ()),
+        )
+
+    def _bands(self) -> str:
+        band, spread = self.half_band, self.difference
+        noise = f"95 % band ± {band:.1f}" if math.isfinite(band) else "without a band"
+        return f"{noise}; methods differ by ± {spread:.1f}" if math.isfinite(spread) else noise
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines)
+
+
+def answer(
+    ensemble: Ensemble,
+    methods: Mapping[str, Method],
+    models: Mapping[str, Model],
+    recommendation: Recommendation,
+    held_out_vaf: Mapping[str, Array],
+) -> Answer:
+    """Choose the method to report, and judge how far its stiffness can be trusted.
+
+    Parameters
+    ----------
+    ensemble
+        Ensemble that was identified.
+    methods, models
+        Methods, and models of those that succeeded, by label.
+    recommendation
+        Recommended methods, with measures and diagnosis of the data.
+    held_out_vaf
+        VAF of held-out realizations in %, by label, each of shape (realization,).
+    """
+    suited = recommendation.select({label: methods[label] for label in models})
+    adaptive = [label for label, each in models.items() if isinstance(each, AdaptiveModel)]
+    label = [*suited, *adaptive, *models][0]
+    method, model = methods[label], models[label]
+    vafs = {name: _known_vaf(each, held_out_vaf.get(name)) for name, each in models.items()}
+    typical = float(np.median(vafs[label]))
+    trust, reasons = trust_in(model, method, recommendation, label in suited, typical)
+    means = {name: mean_of(each) for name, each in vafs.items()}
+    spread = model_spread(ensemble, methods, models, label, means)
+    return Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
+
+
+def _known_vaf(model: Model, held_out: Array | None) -> Array:
+    """Return the known VAFs of held-out realizations, or that of the model's own folds."""
+    known = np.array([]) if held_out is None else held_out[np.isfinite(held_out)]
+    return known if known.size else np.array([model.diagnostics.details.get("vaf_folds", np.nan)])
+
+
+def model_spread(
+    ensemble: Ensemble,
+    methods: Mapping[str, Method],
+    models: Mapping[str, Model],
+    label: str,
+    vaf: Mapping[str, float],
+) -> Array:
+    r"""Return how far methods differ from one of them in N·m/rad, shape (time,).
+
+    .. math:: s(t) = 1.96 \sqrt{\frac{\sum_m w_m (K_m(t) - K(t))^2}{\sum_m w_m}},
+              \quad w_m = \frac{1}{100 - VAF_m}
+
+    The less of the held-out torque a method leaves unpredicted, the more it weighs. Where the
+    method of the ``label`` shows a reflex, methods with one pathway identify the torque less that
+    of the reflex. NaN where fewer than two methods have an estimate.
+    """
+    own, rest = models[label], ensemble
+    pathways = own.pathways(ensemble) if reflex_shown(own) else {}
+    if "reflex" in pathways:
+        torque = ensemble.torque.copy()
+        torque[:, ensemble.core] -= np.nan_to_num(pathways["reflex"])
+        rest = attrs.evolve(ensemble, torque=torque)
+    squares, weights = [], []
+    for name, model in models.items():
+        stiffness = model.stiffness
+        if "reflex" in pathways and has_one_pathway(methods[name], model):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DataQualityWarning)
+                stiffness = methods[name].identify(rest).stiffness
+        difference = stiffness - own.stiffness
+        is_known = np.isfinite(difference) & math.isfinite(vaf[name])
+        squares.append(np.where(is_known, difference, 0.0) ** 2)
+        weights.append(np.where(is_known, 1 / max(100 - vaf[name], 1e-9), 0.0))
+    total = np.where(np.count_nonzero(weights, axis=0) > 1, np.sum(weights, axis=0), np.nan)
+    return np.asarray(LEVEL * np.sqrt(np.sum(np.multiply(weights, squares), axis=0) / total))
+
+
+def trust_in(
+    model: Model,
+    method: Method,
+    recommendation: Recommendation,
+    is_suited: bool,
+    held_out_vaf: float,
+) -> tuple[Trust, tuple[str, ...]]:
+    """Judge how far the stiffness of a model can be trusted, and give the reasons for doubt.
+
+    Parameters
+    ----------
+    model, method
+        Model, and the method that identified it.
+    recommendation
+        Recommended methods, with measures and diagnosis of the data.
+    is_suited
+        Whether the method is a recommended one.
+    held_out_vaf
+        Median VAF of held-out realizations by the method in %.
+    """
+    measured, unnamed = recommendation.measured, recommendation.unnamed_references
+    diagnosis = recommendation.diagnosis
+    found = diagnosis.findings if isinstance(diagnosis, Diagnosis) else ()
+    faults = {each.name: each for each in found}
+    has_reference = any(item.kind == "reference" for item in method.inputs)
+    loop = [] if has_reference else [_reason(faults[name]) for name in LOOP if name in faults]
+    wrong = _wrong(model, faults)
+    # With a wrong period, any channel seems to move the joint.
+    if not has_reference and "wrong-period" not in faults:
+        wrong = [*unnamed, *wrong]
+    if not (is_suited or unnamed):
+        wrong += loop
+    # In a closed loop, the right impedance may predict none of the torque. A method with a
+    # reference is therefore judged only where the data hold too little information for any method.
+    if not wrong and (not has_reference or measured.information < MIN_INFORMATION):
+        if not recommendation.suited:
+            wrong = [sentence(recommendation.why)]
+        elif held_out_vaf <= 0:
+            wrong = [UNPREDICTED]
+    if wrong:
+        return "none", tuple(wrong[:MAX_REASONS])
+    doubts, cautions = [*loop, *_doubts(model, method, faults)], []
+    if not has_reference and measured.is_biased and not is_suited:
+        first = recommendation.suited[0]
+        doubts.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
+    elif not has_reference and measured.is_loud:
+        cautions = [POSSIBLE_LOOP]
+    return "doubtful" if doubts else "good", (*doubts, *cautions)[:MAX_REASONS]
+
+
+def _wrong(model: Model, faults: Mapping[str, Finding]) -> list[str]:
+    """Return the fault that makes every method wrong, first of those that explain others.
+
+    Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
+    another signal in place of the torque, make it much softer.
+    """
+    names = [name for name in WRONG if name in faults]
+    if names[:2] == ["torque-unit", "angle-unit"]:
+        is_degrees = math.degrees(faults["torque-unit"].value) > MIN_STIFFNESS
+        names = names[1:] if is_degrees else names
+    if not names and (mean := mean_of(model.stiffness)) < 0:
+        what = f"the mean stiffness is {mean:.3g} N·m/rad"
+        return [_reason(Finding("reversed-torque", mean, what))]
+    return [_reason(faults[name]) for name in names[:1]]
+
+
+def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
+    """Yield a text for each fault that may make the stiffness wrong, with its remedy."""
+    gain = model.estimates.get("reflex_gain")
+    if gain is not None and gain.unit == UNITS["reflex_gain"] and reflex_shown(model):
+        upper = gain.limits()[1]
+        share = 100 * mean_of(np.where(np.isfinite(upper), upper < 0, np.nan))
+        if share > MAX_NEGATIVE_PERCENT:
+            yield (
+                f"The reflex gain is negative over {share:.0f} % of the time, with its whole 95 % "
+                "band. No stretch reflex has a negative gain. Compare with a method with one "
+                "pathway (--method kbr)."
+            )
+    if "reflex" in faults and has_one_pathway(method, model):
+        reflex = faults["reflex"]
+        yield f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}."
+    for found in (faults[name] for name in DOUBTFUL if name in faults):
+        if found.name != "delay" or abs(found.value) > MAX_DELAY_MS:
+            yield _reason(found)
+
+
+def _reason(found: Finding) -> str:
+    """Return what was found and what to do, as sentences."""
+    what = found.what.partition(";")[0]
+    return f"{found.fault.title}: {what}. {sentence(found.fault.remedy)}"
+
+
+def sentence(text: str) -> str:
+    """Return a text as a sentence."""
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
+
+
+def has_one_pathway(method: Method, model: Model) -> bool:
+    """Return whether a model has no reflex pathway, so that its stiffness includes a reflex."""
+    return "reflex" not in method.pathway_names and "reflex_gain" not in model.estimates
+
+
+def reflex_shown(model: Model) -> bool:
+    """Return whether the data support the reflex pathway of a model."""
+    return bool(model.diagnostics.details.get("reflex_shown", True))

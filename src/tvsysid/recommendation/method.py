@@ -1,0 +1,336 @@
+"""Recommend a method for an ensemble: measure its properties, and apply the rules."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from typing import NamedTuple
+
+import attrs
+
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import METHODS, KernelRegression, from_text, key_of, parse
+from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
+from tvsysid.methods.adaptive.model import AdaptiveModel
+from tvsysid.methods.base import Method, reason_to_skip
+from tvsysid.models import Model
+from tvsysid.numerics.bands import mean_of
+from tvsysid.numerics.threads import single_thread
+from tvsysid.quality import Diagnosis, diagnose, find_reference
+from tvsysid.quality.fit import lowered
+from tvsysid.signals import Ensemble
+
+BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # whose noise is compared
+MIN_SWITCH_PROBABILITY = 0.95
+SLOW_NOISE_DB, STRONG_NOISE_DB = 10.0, 3.0  # power ratio; signal-to-noise ratio
+BIAS_PERCENT = 10.0  # of the stiffness, by noise
+MIN_INFORMATION = 2.0  # realizations at a signal-to-noise ratio of 0 dB
+CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
+LOWER = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise_bias:.0f}} % lower"
+RECORD_REFERENCE = "Record the disturbance or the actuator's command"
+BY_REFERENCE = ("kbr:reference={reference},weighting=residual", "birf:reference={reference}")
+
+
+@attrs.frozen
+class Measured:
+    """Properties of the data that the rules ask for. NaN, or None, where there is none."""
+
+    realizations: int = 0
+    duration: float = math.nan  # s, of a realization
+    reference: str | None = None
+    scheduling: str | None = None
+    information: float = math.nan  # realizations at a signal-to-noise ratio of 0 dB
+    signal_to_noise: float = math.nan  # dB
+    mean_stiffness: float = math.nan  # N·m/rad
+    slow_noise: float = math.nan  # dB, power density below 5 Hz over that at 8 to 25 Hz
+    noise_bias: float = math.nan  # %, by which stiffness rises if noisy frequencies weigh less
+    loop_bias: float = math.nan  # %, of the stiffness
+    switches: int = 0
+    faults: frozenset[str] = frozenset()
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether the torque's noise is slow."""
+        return self.slow_noise > SLOW_NOISE_DB
+
+    @property
+    def is_loud(self) -> bool:
+        """Whether noise would bias the stiffness if the actuator is compliant."""
+        return self.is_slow or self.signal_to_noise < STRONG_NOISE_DB
+
+    @property
+    def is_biased(self) -> bool:
+        """Whether slow noise lowers the stiffness."""
+        return self.is_slow and self.noise_bias > BIAS_PERCENT
+
+
+class Rule(NamedTuple):
+    """Row of the decision table.
+
+    ``holds`` says whether the row applies. ``methods`` are typed as on the command line, the best
+    first; empty where no method is right. ``why`` is the reason, with values of properties.
+    """
+
+    holds: Callable[[Measured], bool]
+    methods: tuple[str, ...]
+    why: str
+
+
+# The first rule that holds decides.
+RULES = (
+    Rule(
+        lambda data: data.scheduling is not None,
+        ("lpvkbi:variable={scheduling}", "lpv:variable={scheduling}"),
+        "the joint follows {scheduling!r}, which was recorded and differs between realizations",
+    ),
+    Rule(
+        lambda data: "wrong-period" in data.faults,
+        (),
+        "the movement does not repeat every {duration:g} s, so every method averages changes of "
+        "stiffness out. Cut with the true period (--period), if there is one",
+    ),
+    Rule(
+        lambda data: data.information < MIN_INFORMATION,
+        (),
+        "the torque that depends on the angle is too weak for a stiffness over time (worth "
+        "{information:.1f} realizations at 0 dB). Perturb more, or record more",
+    ),
+    Rule(
+        lambda data: data.loop_bias > 5 and data.is_slow,
+        (f"{BY_REFERENCE[0]},tuned=true", *BY_REFERENCE),
+        f"{CLOSED_LOOP}, but not {{reference!r}}. The noise is slow, and frequencies with little "
+        "noise have more weight",
+    ),
+    Rule(
+        lambda data: data.loop_bias > 5,
+        (f"{BY_REFERENCE[1]},tuned=true", BY_REFERENCE[1], "kbr:reference={reference}"),
+        f"{CLOSED_LOOP}, but not {{reference!r}}",
+    ),
+    Rule(
+        lambda data: "feedback" in data.faults and data.reference is not None,
+        BY_REFERENCE,
+        f"{CLOSED_LOOP}, but not {{reference!r}}",
+    ),
+    Rule(
+        lambda data: "feedback" in data.faults,
+        (),
+        f"{CLOSED_LOOP}, which biases every method, and no reference is named. {RECORD_REFERENCE}",
+    ),
+    Rule(
+        lambda data: data.mean_stiffness < 0,
+        (),
+        "stiffness is negative ({mean_stiffness:.0f} N·m/rad). If the actuator imposes the angle, "
+        "the torque's sign is reversed: read it with --torque-sign -1 (in Python torque_sign=-1), "
+        "or, if you already do, without. If the actuator is compliant, noise moves the angle more "
+        "than the perturbation does: record the actuator's command",
+    ),
+    Rule(  # before the rules on noise bias: stiffness with a reflex depends on frequency, too
+        lambda data: "reflex" in data.faults,
+        ("adaptive", "cascade"),
+        "the data show a stretch reflex, and adaptive separates it from the stiffness",
+    ),
+    Rule(
+        lambda data: data.is_slow and data.noise_bias > 30,
+        (),
+        f"{LOWER}. Every method is biased. {RECORD_REFERENCE}",
+    ),
+    Rule(
+        lambda data: data.is_biased,
+        ("kbr:weighting=residual",),
+        f"{LOWER}. Frequencies with little noise have the most weight",
+    ),
+    Rule(
+        lambda data: data.is_slow and data.realizations > 3 and not data.switches,
+        ("kbr:weighting=residual,tuned=true", "adaptive"),
+        "the torque's noise is slow, and frequencies with little noise have more weight; stiffness "
+        "does not switch",
+    ),
+    Rule(
+        lambda data: data.realizations < 4,
+        ("cascade", "kbr"),
+        "there are too few realizations to tell a switch from noise; cascade finds how smooth "
+        "stiffness is from all of its harmonics together",
+    ),
+    Rule(
+        lambda data: True,
+        ("adaptive", "kbr:tuned=true", "kbr"),
+        "the behaviour repeats, and adaptive finds from the data how fast stiffness changes, and "
+        "whether it switches",
+    ),
+)
+
+
+@attrs.frozen(eq=False, repr=False)
+class Recommendation:
+    """Recommended method for an ensemble, and the reason.
+
+    Parameters
+    ----------
+    suited
+        Methods as the command line takes them, as in ``"kbr:weighting=residual,tuned=true"``, the
+        best first. Empty where no method is right.
+    why
+        Reason for the first, in a sentence.
+    measured
+        Properties of the data.
+    diagnosis
+        Diagnosis of the ensemble, or why there is none.
+    unnamed_references
+        A sentence for each channel that moves the angle and was not named as the reference.
+    """
+
+    suited: tuple[str, ...]
+    why: str
+    measured: Measured = Measured()
+    diagnosis: Diagnosis | str = "not diagnosed"
+    unnamed_references: tuple[str, ...] = ()
+
+    @property
+    def method(self) -> Method | None:
+        """The method, ready to use: ``recommend(ensemble).method.identify(ensemble)``.
+
+        None where no method is right.
+        """
+        return parse(self.suited[0]) if self.suited else None
+
+    def select(self, methods: Mapping[str, Method]) -> list[str]:
+        """Return the labels of the ``methods`` that suit, the best first.
+
+        A method whose settings were chosen from the data suits as its default does.
+        """
+        return [
+            label
+            for text in dict.fromkeys(re.sub("[:,]tuned=true", "", each) for each in self.suited)
+            for label, method in methods.items()
+            if METHODS[key_of(text)] is type(method)
+            and from_text(text, "method", {key_of(text): method}) == method
+        ]
+
+    def __repr__(self) -> str:
+        first = self.suited[0] if self.suited else "no method is right"
+        return "\n".join([f"Recommendation: {first}: {self.why}", *self.unnamed_references])
+
+
+def recommend(
+    ensemble: Ensemble,
+    reference: str | None = None,
+    scheduling: str | None = None,
+    *,
+    model: Model | None = None,
+    diagnosis: Diagnosis | str | None = None,
+) -> Recommendation:
+    """Recommend a method for an ensemble by measured properties of the data.
+
+    The first rule that holds decides. The page docs/which-method.md has the rules as a table, and
+    how often they are right.
+
+    Parameters
+    ----------
+    ensemble
+        Realizations, mean subtracted.
+    reference
+        Channel with the disturbance that was applied, or the actuator's command, if the angle may
+        not be imposed.
+    scheduling
+        Channel with a variable that the joint follows and that differs between realizations.
+    model
+        Model of this ensemble by ``adaptive``, if there is one.
+    diagnosis
+        Diagnosis of this ensemble with the same reference, or why there is none, if known.
+
+    Raises
+    ------
+    InputError
+        If it is no ensemble, or there is no such channel.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
+    >>> simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+    >>> ensemble = tv.preprocess.segment(
+    ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
+    >>> found = tv.recommend(tv.preprocess.subtract_mean(ensemble))
+    >>> found.suited
+    ('adaptive', 'kbr:tuned=true', 'kbr')
+    >>> found.method
+    AdaptiveRegression(emg=None)
+    """
+    if not isinstance(ensemble, Ensemble):
+        raise InputError(
+            f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first"
+        )
+    for name in filter(None, (reference, scheduling)):
+        ensemble.signal(name)  # raises if there is no such channel
+    measured = Measured(len(ensemble), ensemble.duration, reference, scheduling)
+    unnamed: tuple[str, ...] = ()
+    with single_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataQualityWarning)
+        try:
+            diagnosis = diagnosis or diagnose(ensemble, reference)
+        except InputError as error:  # a single realization, or too short
+            diagnosis = str(error).removeprefix("diagnose: ")
+        if isinstance(diagnosis, Diagnosis) and scheduling is None:
+            measured = measure(measured, lowered(ensemble), diagnosis, model)
+            others = ensemble.channels.keys() - {reference}
+            unnamed = tuple(find_unnamed_references(ensemble, others))
+    rule = next(rule for rule in RULES if rule.holds(measured))
+    values = attrs.asdict(measured)
+    typed = (text.format(**values) for text in rule.methods)
+    suited = tuple(text for text in typed if not reason_to_skip(parse(text), ensemble))
+    return Recommendation(suited, rule.why.format(**values), measured, diagnosis, unnamed)
+
+
+def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
+    """Yield a sentence for each of these channels that moves the angle as a reference does."""
+    for name in channels:
+        found = find_reference(ensemble, name)
+        if found.found:
+            yield (
+                f"Channel {name!r} moves the angle, and was not named as the reference: "
+                f"{found.what}."
+            )
+
+
+def measure(
+    known: Measured, ensemble: Ensemble, diagnosis: Diagnosis, model: Model | None
+) -> Measured:
+    """Add to the ``known`` properties what the diagnosis and fits to the ensemble tell."""
+    findings = {each.name: each for each in diagnosis.checks}
+    ratio, loop = diagnosis.measures["signal-to-noise ratio"][0], findings.get("loop-bias")
+    measured = attrs.evolve(
+        known,
+        information=len(ensemble) * 10 ** (ratio / 10),
+        signal_to_noise=ratio,
+        mean_stiffness=diagnosis.measures["mean stiffness"][0],
+        slow_noise=_slow_noise(diagnosis),
+        loop_bias=abs(loop.value) if loop and loop.beyond else math.nan,
+        faults=frozenset(each.name for each in diagnosis.findings),
+    )
+    if not measured.is_slow:
+        return measured
+    with suppress(InputError):  # a method cannot identify the data
+        plain, weighted = (
+            mean_of(KernelRegression(weighting=weighting).identify(ensemble).stiffness)
+            for weighting in ("white", "residual")
+        )
+        scale = max(abs(weighted), abs(plain), math.ulp(0.0))
+        measured = attrs.evolve(measured, noise_bias=100 * (weighted - plain) / scale)
+        model = model or AdaptiveRegression().identify(ensemble)
+    switches = [
+        each
+        for each in (model.switches if isinstance(model, AdaptiveModel) else ())
+        if each.quantity == "stiffness" and each.probability > MIN_SWITCH_PROBABILITY
+    ]
+    return attrs.evolve(measured, switches=len(switches))
+
+
+def _slow_noise(diagnosis: Diagnosis) -> float:
+    """Return the ratio in dB of the noise's mean power density below 5 Hz to that at 8 to 25 Hz."""
+    frequency, power = diagnosis.curves.frequency, diagnosis.curves.residual_power
+    bands = ((frequency > start) & (frequency <= stop) for start, stop in BANDS_HZ)
+    low, high = (float(power[band].mean()) for band in bands)
+    return 10 * math.log10(low / high) if low > 0 and high > 0 else math.nan

@@ -5,11 +5,14 @@ import sys
 import warnings
 from unittest.mock import Mock
 
+import attrs
 import pytest
 from tests.cli.conftest import IDENTIFY
 
 from tvsysid.cli.app import app
+from tvsysid.cli.console import output
 from tvsysid.errors import DataQualityWarning
+from tvsysid.recordings import Reading, Segmentation
 
 FILES = []
 IDENTIFY_JOINT = f"identify joint.mat {IDENTIFY} "
@@ -30,6 +33,19 @@ def test_help(tvsysid, command):
     code, out, _ = tvsysid(command, "--help")
     assert code == 0
     assert f"Usage: tvsysid {command}" in out
+
+
+@pytest.mark.parametrize("command", [name for name in app if not name.startswith("-")])
+def test_a_command_has_at_most_12_options_beside_those_of_a_recording(command):
+    fields = {*attrs.fields_dict(Reading), *attrs.fields_dict(Segmentation)}
+    names = {argument.name for argument in app[command].assemble_argument_collection()}
+    options = {name for name in names if name.startswith("--")}
+    assert len(options - {f"--{name.replace('_', '-')}" for name in fields}) <= 12
+
+
+def test_the_help_of_identify_is_one_screen(tvsysid, monkeypatch):
+    monkeypatch.setattr(output, "width", 100)
+    assert tvsysid("identify --help")[1].count("\n") <= 50
 
 
 def test_without_a_command_the_help_is_shown(tvsysid):

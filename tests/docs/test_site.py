@@ -26,8 +26,8 @@ def test_the_example_runs(page, tmp_path, monkeypatch):
 @pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 @pytest.mark.usefixtures("undrawn", "sketched")
 def test_five_minutes_from_a_file_to_a_picture(tvsysid, tmp_path):
-    _, simulate, inspect, identify, diagnose = blocks("start.md", "")
-    for command in (simulate, inspect, f"{identify} --method birf", diagnose):
+    _, simulate, inspect, save, identify, diagnose = blocks("start.md", "")
+    for command in (simulate, inspect, save, f"{identify} --method birf", diagnose):
         code, out, err = tvsysid(*shlex.split(command)[1:])
         assert code == 0, out + err
     assert (tmp_path / "tvsysid-identify" / "stiffness.csv").stat().st_size > 1000

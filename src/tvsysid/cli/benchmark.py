@@ -34,16 +34,6 @@ class Settings:
         `module:Object`; repeatable. [noise and prbs]
     duration_s
         Seconds of data, a whole number of realizations; repeatable. [150]
-    rate
-        Rate in Hz to which data are decimated. [100]
-    period
-        Duration of a realization in s. [2]
-    snr_db
-        Signal-to-noise ratio of the torque in dB; repeatable. [10]
-    viscosity
-        `constant`: 2.2 N·m·s/rad; `covarying`: 1 to 3 with the stiffness; repeatable. [constant]
-    with_
-        Method beside those of the study, such as `adaptive` with `--preset paper`; repeatable.
     trials
         Monte-Carlo trials of each scenario. [20]
     seed
@@ -54,10 +44,6 @@ class Settings:
     stiffness: list[str] | None = None
     perturbation: list[str] | None = None
     duration_s: list[float] | None = None
-    rate: float | None = None
-    period: float | None = None
-    snr_db: list[float] | None = None
-    viscosity: list[Literal["constant", "covarying"]] | None = None
     methods: Methods | None = None
     trials: int | None = None
     seed: int | None = None
@@ -106,7 +92,7 @@ def benchmark(
     Parameters
     ----------
     study_toml
-        TOML file with the study's settings.
+        TOML file with the study's settings: those below, `rate`, `period`, `snr_db`, `viscosity`.
     preset
         `quick` (the default), `paper` (van de Ruit et al. 2021: their five methods, 40 to 600 s,
         100 trials, and their sine), `snr` (0 to 30 dB), `viscosity` (constant, and rising with

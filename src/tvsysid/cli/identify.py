@@ -81,86 +81,19 @@ def identify(
 ) -> int:
     """Identify stiffness over time from a recording.
 
-    Reads angle and torque (`tvsysid inspect FILE` shows the names in a file), decimates them, cuts
-    the recording into realizations of one period, subtracts the mean over realizations, and
-    identifies by each method: by default `adaptive`, which has no settings and is recommended, and
-    another to check it (`sds`, or `cascade` where there is a reflex or few realizations). `--method
-    published` is the five of van de Ruit et al. (2021), `--method all` every one that applies.
-    Where the data make every stiffness wrong, none is stated, and the first lines say why and what
-    to do.
-
-    A 95 % band covers measurement noise. It does not cover the error of a method that smooths too
-    much. The band of `adaptive` also covers how fast stiffness may change, and when it may switch.
-
-    VAF is the share of the recorded torque's variance that the model predicts. It is computed from
-    the data that the model was identified from, so a method with many parameters has a high VAF
-    even where its stiffness is mostly noise. Compare methods by the VAF of held-out realizations:
-    these are split into five consecutive parts, and the model of four parts predicts the fifth.
-
-    A method that needs a further channel (EMG, a reference signal, a scheduling variable) gets it
-    by `--channel`. An input or a reference loses its mean as angle and torque do; a scheduling
-    variable keeps it. A method that does not suit the recording is skipped, and the reason is
-    printed. If a method fails, the others finish, and the exit code is 1.
-
-    A joint that follows a measured variable needs no period. With `--scheduling` and without
-    `--period`, all of the record is one realization, and `--decimate` takes a sharper filter. The
-    variable is read under the name `scheduling`.
-
-    A torque that is late or early, as found by `tvsysid inspect --diagnose`, is shifted before
-    decimation. Half of the delay or none of it is corrected where that predicts held-out
-    realizations better. A line and the figure's title say what was corrected; `models.nc` has it as
-    `delay_removed` (in s). `--no-align-channels` corrects nothing.
-
-    Realizations with a gap, where both signals were held, zero or interpolated for 30 ms or more,
-    are left out. Mains hum that shows in the angle is subtracted from all channels before
-    decimation. A line says so.
-
-    Writes to the folder:
-
-    - `report.html`: all of it on one page: the stiffness to report with its band, how it was found,
-      what is wrong with the data and what to do, the methods side by side and why they differ, and
-      a methods paragraph with references (BibTeX) for a paper;
-
-    - with `--sheet`, `sheet.html`: one page of A4 about one person and visit; `tvsysid report DIR
-      DIR … --sheet` makes one of several visits;
-
-    - `stiffness.csv`: time_s, method, stiffness (N·m/rad), viscosity (N·m·s/rad) and inertia
-      (kg·m²), each with its 95 % band (`stiffness_lower`, `stiffness_upper`, …), and
-      time_varying_vaf (%); a further quantity that a method estimates over time has columns of the
-      same kind;
-
-    - `models.nc`: a group for each method with its estimates, their standard errors and bands, and
-      the torque of each pathway (NetCDF; `xarray.open_datatree` reads it);
-
-    - `stiffness.png` and `.pdf`: stiffness, viscosity and inertia over time, with their bands;
-
-    - where something is estimated over a variable, `scheduled.csv` (method, variable, value,
-      quantity, unit, estimate and 95 % band), and `scheduled.png` and `.pdf` with a histogram of
-      the variable;
-
-    - with `--tune`, `tuning.csv`, `.png` and `.pdf`: the settings that were tried, and how well
-      each did.
+    Prints the recommended stiffness with its 95 % band, or why none can be stated, and writes a
+    page, tables, models and figures to a folder. See docs/identify.md. `tvsysid inspect FILE` lists
+    the channels, and saves these options.
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
-    2 --torque-sign -1`
-
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
-    2 --channel emg=EMG_SOL --method mymethod:Scheduled`
-
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
-    2 --channel command=CMD --method kbr:reference=command,weighting=residual` (a compliant
-    actuator)
-
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100
-    --scheduling ankle_angle`
+    2`
 
     Parameters
     ----------
     file
-        MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file.
+        Recording: MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF.
     scheduling
-        Channel with a variable that the joint follows; the methods are then lpv and lpvkbi unless
-        given. Without --period, all of the record is one realization.
+        Channel that the joint follows, for lpv and lpvkbi; needs no --period.
     align_channels
         Correct a delay of the torque, unless that lowers the held-out VAF.
     remove_mains
@@ -168,7 +101,7 @@ def identify(
     tune
         Choose each method's settings from the data.
     sheet
-        Also write `sheet.html`, one page of A4 to print, for research use only.
+        Also write a page of A4 to print, for research use only.
     out
         Folder for the results.
     """

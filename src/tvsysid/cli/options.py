@@ -11,7 +11,7 @@ from cyclopts import App, ArgumentCollection, Parameter, default_name_transform
 from tvsysid.cli.console import say
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
 
-NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration", "snr_db": "snr"}
+NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration"}
 """Names of options that differ from the names of the settings."""
 USUAL_RATE = 100.0  # Hz
 SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
@@ -48,9 +48,8 @@ Methods = Annotated[
     list[str],
     Parameter(
         alias="-m",
-        help="Method, with settings after a colon if you wish: `sds:window=0.2`. A method of your "
-        "own is `module:Class`, where the module is in the current folder or installed. "
-        "Repeatable; `tvsysid methods` lists the methods.",
+        help="Method, as `sds:window=0.2`; of your own, `module:Class`. Repeatable. See `tvsysid "
+        "methods`.",
     ),
 ]
 

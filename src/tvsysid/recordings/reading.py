@@ -50,24 +50,21 @@ class Reading:
     Parameters
     ----------
     angle
-        Name of the variable or column with the angle.
+        Variable or column with the angle.
     torque
-        Name of the variable or column with the torque.
+        Variable or column with the torque.
     sampling_rate
-        Sampling rate of the recording in Hz.
+        Sampling rate in Hz.
     channels
-        Read a further channel for methods that need one, and give it the name that the method
-        expects: ``emg=EMG_SIGNAL`` reads EMG_SIGNAL as emg. Repeatable.
+        Further channel by the name that a method expects: ``emg=EMG_SIGNAL``. Repeatable.
     columns
-        What the columns of a matrix are: parts of one recording, in order of time, or separate
-        trials.
+        Whether columns of a matrix follow each other or are separate trials.
     torque_sign
-        Give -1 if the file's torque has the opposite sign: torque must rise with the angle
-        (torque = stiffness x angle, with positive stiffness).
+        -1 if the file's torque falls where the angle rises.
     angle_unit
         Unit of the angle in the file.
     torque_unit
-        Unit of the torque in the file; N·mm is what C3D files have in most laboratories.
+        Unit of the torque in the file; most C3D files have Nmm.
     start
         Time of the first sample in s; realizations begin at multiples of the period.
 
@@ -130,13 +127,11 @@ class Segmentation:
     Parameters
     ----------
     period
-        Duration of one realization in s, that is, of one repetition of the behaviour.
+        Duration of a realization in s: of one repetition of the behaviour.
     decimate
-        Low-pass filter and decimate to this rate in Hz first; 100 Hz is usual, and makes it much
-        faster.
+        Filter and decimate to this rate in Hz first; 100 Hz is usual.
     context
-        Seconds kept before and after each realization, because lags and windows reach beyond its
-        ends.
+        Seconds kept on either side of a realization, for lags and windows.
     """
 
     period: float | None = attrs.field(default=None, validator=optional(positive))

@@ -29,9 +29,6 @@ SINE, SQUARE = SineWave(), SquareWave()
 FIVE, FOUR = Multisine(), Multisine((1.2, 6.2, 11.2, 16.2))
 SMOOTH = "kbr:length_periodic=1,gamma=(4.5,1e-4,1e-8)"
 SKIRTS: tuple[tuple[str, Any, Any], ...] = (
-    ("skirt:harmonics=1", SINE, FIVE),
-    ("skirt:harmonics=1", SINE, FOUR),
-    ("skirt:harmonics=4", SINE, FOUR),
     ("skirt", SINE, FIVE),
     ("skirt", SINE, FOUR),
     ("skirt", SQUARE, FIVE),

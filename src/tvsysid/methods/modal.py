@@ -16,7 +16,7 @@ from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_and_spread
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import optional, positive
+from tvsysid.validators import positive
 
 MIN_PEAK = 0.25  # height of an impulse, relative to the largest torque
 MIN_DISTANCE_S = 0.12  # between impulses
@@ -50,13 +50,13 @@ class ModalDecomposition(base.Method):
 
     Parameters
     ----------
-    inertia
-        I of all that moves, in kg·m²; by default that of a least-squares fit to angle and torque.
     window
         Standard deviation of the Gaussian window in s.
 
     Notes
     -----
+    The inertia I of all that moves is that of a least-squares fit to angle and torque.
+
     The method suits a joint that moves freely, or with its load, between impulses of torque. It
     suits hardly any other joint: the ankle is damped too much (damping ratio 0.6 to 1.1).
     docs/special-perturbations.md has figures. The angle is the recorded one. Its mean over
@@ -67,7 +67,6 @@ class ModalDecomposition(base.Method):
     Piovesan, Pierobon, DiZio & Lackner 2012, J. Neurosci. Methods 209, 70-83.
     """
 
-    inertia: float | None = attrs.field(default=None, validator=optional(positive))
     window: float = attrs.field(default=0.05, validator=positive)
 
     key = "modal"
@@ -100,8 +99,8 @@ class ModalDecomposition(base.Method):
                 f"most {100 * MAX_TIME:g} %); the joint must ring freely after impulses of torque"
             )
         stiffness, viscosity, inertia, _ = mean_impedance(ensemble)
-        damping = viscosity / (2 * np.emath.sqrt(stiffness * inertia))
-        if not (np.isreal(damping) and damping <= MAX_DAMPING):
+        damping = viscosity / (2 * math.sqrt(max(stiffness * inertia, math.ulp(0.0))))
+        if not 0 <= damping <= MAX_DAMPING:
             return (
                 f"the joint does not ring: its damping ratio is {damping:.2g} ({stiffness:.3g} "
                 f"N·m/rad, {viscosity:.3g} N·m·s/rad, {inertia:.3g} kg·m²), and {MAX_DAMPING:g} or "
@@ -114,8 +113,6 @@ class ModalDecomposition(base.Method):
         samples, rate = ensemble.samples, ensemble.sampling_rate
         _, viscosity, inertia, inertia_error = mean_impedance(ensemble)
         decay = viscosity / (2 * inertia)
-        if self.inertia is not None:
-            inertia, inertia_error = self.inertia, 0.0
         clear, reach = math.ceil(CLEAR * self.window * rate), round(REACH * self.window * rate)
         tracks = [np.full((samples, 2), np.nan)]  # for each impulse, after one that says nothing
         for run in ensemble.runs:
@@ -137,12 +134,13 @@ class ModalDecomposition(base.Method):
         count = np.isfinite(tracks).sum(axis=0)
         mean, spread = mean_and_spread(np.stack(tracks))
         spread[count < MIN_IMPULSES] = np.nan
-        errors = np.hypot(spread / np.sqrt(np.maximum(count, 1)), inertia_error * mean)
-        everywhere = 0 * mean[:, :1]  # NaN where nothing rings
+        errors = np.hypot(spread / np.sqrt(count), inertia_error * mean)
+        inertias = np.where(np.isfinite(mean[:, :1]), inertia, np.nan)
+        errors = np.hstack([errors, np.full_like(inertias, np.nan)])
         freedom = np.maximum(count[:, :1] - 1.0, 1.0)
-        errors = shared.standard_errors(np.hstack([errors, np.nan * everywhere]), freedom)
-        impedance = np.hstack([mean, inertia + everywhere])
-        estimates = shared.impedance_estimates(impedance, errors)
+        estimates = shared.impedance_estimates(
+            np.hstack([mean, inertias]), shared.standard_errors(errors, freedom)
+        )
         return Model.of(ensemble, estimates=estimates, parameters=2.0)
 
 
@@ -155,19 +153,16 @@ def mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
     """
     rate, width = ensemble.sampling_rate, SMOOTHING_S * ensemble.sampling_rate
     reach = math.ceil(REACH * width)
-    angle, velocity, acceleration, torque = (
-        rate**order * gaussian_filter1d(values, width, order=order, radius=reach)[:, reach:-reach]
-        for values, order in (
-            *((ensemble.angle, order) for order in range(3)),
-            (ensemble.torque, 0),
-        )
-    )
+
+    def smoothed(values: Array, order: int = 0) -> Array:
+        derivative = gaussian_filter1d(values, width, order=order, radius=reach)
+        return np.asarray(rate**order * derivative[:, reach:-reach, None])
+
+    angle, velocity, acceleration = (smoothed(ensemble.angle, order) for order in range(3))
+    torque = smoothed(ensemble.torque)[..., 0]
     times = np.arange(angle.shape[1]) + reach - ensemble.context
     features = evaluate(FourierSeries(HARMONICS), ensemble.samples)[times % ensemble.samples]
-    columns = np.concatenate(
-        [angle[..., None] * features, velocity[..., None] * features, acceleration[..., None]],
-        axis=2,
-    )
+    columns = np.concatenate([angle * features, velocity * features, acceleration], axis=2)
     inverse = np.linalg.inv(np.einsum("rta,rtb->ab", columns, columns))
     found = inverse @ np.einsum("rta,rt->a", columns, torque)
     scores = np.einsum("rta,rt->ra", columns, torque - columns @ found) @ inverse[-1]

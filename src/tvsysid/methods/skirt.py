@@ -16,7 +16,6 @@ from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bases import FourierSeries, evaluate
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import at_least, optional
 
 MAX_LINES = 20
 MIN_SHARE = 0.99  # of the angle's power in its lines
@@ -40,18 +39,14 @@ class SkirtDecomposition(base.Method):
     them, weighted by their covariance. The lines are looked for in the angle, and what a line U is
     comes from the angle itself, so that filters that angle and torque pass alike do not matter.
 
-    Parameters
-    ----------
-    harmonics
-        H of the period p, the duration of a realization, of which the impedance's change is a sum.
-        Skirts may not overlap: lines must be more than 2 H / p apart. If None, up to the highest
-        harmonic whose skirts the torque shows; ``harmonics`` among the diagnostics' details is the
-        number chosen. A warning says where skirts are left.
-
     Notes
     -----
-    The imposed angle must be a multisine and nothing else (to 1 % of its variance), with one or
-    more frequencies for each of stiffness and inertia. The lines' phases are those of each trial.
+    H of the period p, the duration of a realization, is the highest harmonic whose skirts the
+    torque shows; ``harmonics`` among the diagnostics' details has it. Skirts may not overlap: lines
+    must be more than 2 H / p apart. A warning says where skirts are left.
+
+    The imposed angle must be a multisine and nothing else (to 1 % of its variance), in one trial,
+    with one or more frequencies for each of stiffness and inertia.
     With its few unknowns, the method is better than ``kbr`` for a slow change of known smoothness,
     and worse for any other change. docs/special-perturbations.md has figures.
 
@@ -61,8 +56,6 @@ class SkirtDecomposition(base.Method):
     ----------
     Lataire, Pintelon & Louarroudi 2012, Automatica 48, 783-791.
     """
-
-    harmonics: int | None = attrs.field(default=None, validator=optional(at_least(0)))
 
     key = "skirt"
     title = "Skirt decomposition"
@@ -89,27 +82,21 @@ class SkirtDecomposition(base.Method):
                 f"{100 * MIN_SHARE:g} % are needed; perturb with some sines of fixed frequencies "
                 "and impose the angle"
             )
-        if 2 * (self.harmonics or 0) >= lines.room(ensemble):
-            return (
-                f"the skirts of lines ({found}) overlap: a change of {self.harmonics} harmonics of "
-                f"{1 / ensemble.duration:.3g} Hz needs lines twice as far apart or further; give "
-                "fewer harmonics"
-            )
         return None
 
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
         lines = Lines.of(ensemble)
-        room, harmonics = lines.room(ensemble), self.harmonics or 0
-        while True:
+        # Distance of lines, in harmonics of the period
+        room = float(np.diff(np.sort(lines.frequencies)).min()) * ensemble.duration - ON_GRID
+        shown = [0]
+        while shown:
+            harmonics = max(shown)
             skirts = Skirts.of(ensemble, lines, harmonics)
             # Skirts that do not meet those that are fitted
             tested = range(harmonics + 1, math.ceil(room) - harmonics)
             p_values = {each: skirts.p_value(each, lines.waves, ensemble) for each in tested}
-            likely = [each for each, p in p_values.items() if 2 * each < room and p < FITTED_P]
-            if self.harmonics is not None or not likely:
-                break
-            harmonics = max(likely)
+            shown = [each for each, p in p_values.items() if 2 * each < room and p < FITTED_P]
         mean, covariance, agreement = second_order(skirts, lines.frequencies)
         left = [f"skirts of harmonic {each}" for each, p in p_values.items() if p < WARNED_P]
         left += ["lines that do not agree with each other"] * (agreement < WARNED_P)
@@ -117,7 +104,7 @@ class SkirtDecomposition(base.Method):
         warned = (
             f"the torque has {', '.join(left)}, where the impedance that is fitted changes by "
             f"{harmonics} harmonics, which no band counts: it changes faster, or is not of second "
-            "order; give more harmonics, or use kbr"
+            "order; use kbr"
         )
         samples = ensemble.samples
         expansions = block_diag(skirts.features, skirts.features, np.ones((samples, 1)))
@@ -140,7 +127,7 @@ class Lines(NamedTuple):
     """Lines of a multisine.
 
     ``frequencies`` (line,) are in Hz. ``waves`` (line, realization, time) are the lines as complex
-    waves, fitted to the angle of each trial. ``share`` is that of the angle's power.
+    waves, fitted to the angle. ``share`` is that of the angle's power.
     """
 
     frequencies: Array
@@ -150,29 +137,21 @@ class Lines(NamedTuple):
     @classmethod
     def of(cls, ensemble: Ensemble) -> Lines:
         """Return the lines that are found in the angle."""
-        angle, trials = ensemble.angle[:, ensemble.core], ensemble.trials
+        angle = ensemble.angle[:, ensemble.core]
         lines = find_lines(angle[max(ensemble.runs, key=len)].ravel(), ensemble.sampling_rate)
         if ensemble.mean_subtracted:  # which leaves lines at multiples of 1/period
             turns = lines * ensemble.duration
             lines = lines[np.abs(turns - np.round(turns)) > ON_GRID]
         time = ensemble.onsets[:, None] + ensemble.time
         waves = np.exp(2j * np.pi * lines[:, None, None] * time)
-        if ensemble.mean_subtracted and np.ptp(trials) == 0:  # as angle and torque have lost theirs
+        if ensemble.mean_subtracted:  # as angle and torque have lost theirs
             waves -= waves.mean(axis=1, keepdims=True)
-        left = total = 0.0
-        for trial in np.unique(trials):
-            own = trials == trial
-            part, values = waves[:, own].reshape(len(lines), -1), angle[own].ravel()
-            columns = np.concatenate([part, part.conj(), np.ones((1, len(values)))])
-            weights = np.linalg.lstsq(columns.T, values, rcond=None)[0]
-            left += np.sum((values - (weights @ columns).real) ** 2)
-            total += np.sum((values - weights[-1].real) ** 2)
-            waves[:, own] *= 2 * weights[: len(lines), None, None]
-        return cls(lines, waves, 1 - float(left / total))
-
-    def room(self, ensemble: Ensemble) -> float:
-        """Return the smallest distance of two lines, in harmonics of the period."""
-        return float(np.diff(np.sort(self.frequencies)).min()) * ensemble.duration - ON_GRID
+        columns = np.concatenate([waves.real, waves.imag, np.ones((1, *angle.shape))])
+        columns = columns.reshape(len(columns), -1)
+        weights = np.linalg.lstsq(columns.T, angle.ravel(), rcond=None)[0]
+        share = 1 - np.var(angle.ravel() - weights @ columns) / np.var(angle)
+        real, imaginary = weights[:-1].reshape(2, -1)
+        return cls(lines, waves * (real - 1j * imaginary)[:, None, None], float(share))
 
 
 class Skirts(NamedTuple):
@@ -205,14 +184,10 @@ class Skirts(NamedTuple):
         residual = (torque - mean @ columns).reshape(len(ensemble), -1)
         power = np.mean(np.abs(rfft(residual, axis=1)) ** 2, axis=0) / ensemble.samples
         spectrum = np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
-        apart, away = (
-            np.abs(np.subtract.outer(lines.frequencies, each))
-            for each in (lines.frequencies, spectrum)
-        )
+        away = np.abs(np.subtract.outer(lines.frequencies, spectrum))
         near = away <= max(NEAR_HZ, 1.5 / ensemble.duration)
-        taken = features.shape[1] * np.sum(apart <= NEAR_HZ, axis=1)
-        freedom = 2 * (near.sum(axis=1) * shared.independent_realizations(ensemble) - taken)
-        freedom = np.maximum(1.0, freedom)
+        independent = shared.independent_realizations(ensemble)
+        freedom = np.maximum(1.0, 2 * (near.sum(axis=1) * independent - features.shape[1]))
         density = 2 * len(ensemble) * (near @ power) / freedom
         scale = np.repeat(np.sqrt(density), 2 * features.shape[1])
         covariance = inverse @ (gram * np.outer(scale, scale)) @ inverse
@@ -256,14 +231,13 @@ def find_lines(angle: Array, rate: float) -> Array:
     angle = angle - angle.mean()
     samples, half = len(angle), len(angle) // 2
     time = np.arange(samples) / rate
-    windows = np.zeros((2, samples))
-    windows[0, :half] = windows[1, half : 2 * half] = np.hanning(half)
     lines, left = np.empty(0), angle
     while len(lines) < MAX_LINES:
         spectrum = np.abs(rfft(left * np.hanning(samples)))
         line = float(np.argmax(spectrum[1:]) + 1) * rate / samples
         for _ in range(ROUNDS):
-            first, second = windows @ (left * np.exp(-2j * np.pi * line * time))
+            turned = left * np.exp(-2j * np.pi * line * time)
+            first, second = turned[: 2 * half].reshape(2, half) @ np.hanning(half)
             line += float(np.angle(second * first.conj())) / (2 * np.pi * half / rate)
         is_new = np.min(np.abs(lines - line), initial=np.inf) >= 2 * rate / samples
         turns = 2 * np.pi * np.outer([*lines, line], time)

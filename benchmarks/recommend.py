@@ -58,9 +58,7 @@ SINGLE += [
     "kbr:tuned=true",
     "kbr:weighting=residual,tuned=true",
 ]
-LOOPED = [
-    f"{each}reference={REFERENCE}" for each in ("sds:", "esm:stiffness=fit,", "birf:", "kbr:")
-]
+LOOPED = [f"{each}:reference={REFERENCE}" for each in ("birf", "kbr")]
 LOOPED += [f"{each}:reference={REFERENCE},tuned=true" for each in ("birf", "kbr")]
 LOOPED += [f"kbr:reference={REFERENCE},weighting=residual{each}" for each in ("", ",tuned=true")]
 SCHEDULED = [f"{each}:variable={VARIABLE}" for each in ("lpv", "lpvkbi")]

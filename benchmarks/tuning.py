@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--stiffness", nargs="+", help="of the study only these profiles")
     parser.add_argument("--perturbations", nargs="+", help="only these")
     parser.add_argument("--durations", nargs="+", type=float, help="only these, in s")
-    parser.add_argument("--methods", nargs="+", default=list(tv.methods.METHODS))
+    parser.add_argument("--methods", nargs="+", default=["kbr", "birf"])
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--store", type=Path, help="folder that keeps the results")

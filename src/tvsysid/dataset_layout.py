@@ -21,7 +21,7 @@ UNITS = {
     "impulse_response": "N m/rad/s",
     "reflex_response": "N m/rad",
     "frequency_response": "N m/rad",
-    **dict.fromkeys(("coherence", "rank", "instrument_strength"), "1"),
+    **dict.fromkeys(("coherence", "rank"), "1"),
     **dict.fromkeys(("time", "lag", "reflex_lag"), "s"),
     **dict.fromkeys(("velocity", "nonlinearity"), "rad/s"),
     "frequency": "Hz",
@@ -52,12 +52,8 @@ def layout(model: Model, ensemble: Ensemble | None) -> tuple[Variables, Variable
         for ending, values in parts.items():
             variables[name + ending] = _variable(estimate.axes, values, estimate.unit)
     further, coordinates = model._identified()
-    for name, each in (
-        ("rank", model.diagnostics.rank),
-        ("instrument_strength", model.diagnostics.strength),
-    ):
-        if each is not None:
-            further[name] = ("time",), each
+    if model.diagnostics.rank is not None:
+        further["rank"] = ("time",), model.diagnostics.rank
     variables |= {name: _variable(*each, UNITS.get(name)) for name, each in further.items()}
     if ensemble is not None:
         for name, torque in model.pathways(ensemble).items():

@@ -99,8 +99,8 @@ class Estimate:
         Names of the axes of ``values``: ``("time",)``, or ``("realization", "time")`` if each
         realization has its own estimate, or the name of a measured variable. The model's
         ``coordinates`` hold the values of such a variable.
-    error
-        Standard error, or a function that computes it; None if the method states none.
+    standard_error
+        Standard error, given as ``error``; None if the method states none.
 
     Notes
     -----
@@ -119,10 +119,10 @@ class Estimate:
     values: Array = attrs.field(converter=to_array)
     unit: str
     axes: tuple[str, ...] = attrs.field(default=("time",), converter=_to_axes)
-    error: StandardError | Callable[[], StandardError | None] | None = None
+    standard_error: StandardError | None = attrs.field(default=None, alias="error")
 
     def __attrs_post_init__(self) -> None:
-        values, error = self.values, self.error
+        values, error = self.values, self.standard_error
         is_real = values.dtype.kind == "f"
         if not is_real or np.isinf(values).any():
             raise InputError(
@@ -134,7 +134,7 @@ class Estimate:
                 f"estimate: expected values over {', '.join(self.axes)}, got an array of shape "
                 f"{values.shape}"
             )
-        if isinstance(error, StandardError) and error.values.shape != values.shape:
+        if error is not None and error.values.shape != values.shape:
             raise InputError(
                 f"estimate: expected standard errors of the values' shape {values.shape}, got "
                 f"{error.values.shape}"
@@ -144,11 +144,6 @@ class Estimate:
         known = self.values[np.isfinite(self.values)]
         span = f"{known.min():.3g} to {known.max():.3g}" if known.size else "no value"
         return f"Estimate({span} {self.unit} over {', '.join(self.axes)})"
-
-    @property
-    def standard_error(self) -> StandardError | None:
-        """Standard error, None if the method states none."""
-        return self.error() if callable(self.error) else self.error
 
     def band(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
         """Return the lower and upper limit of the band around the estimate, NaN where unknown.
@@ -190,8 +185,6 @@ class Diagnostics:
         Effective number of parameters. It is the mean over time if each time has its own.
     rank
         Number of singular values kept, shape (time,). None if the method does not truncate.
-    strength
-        Strength of the reference as an instrument, shape (time,). None without a reference.
     warnings
         Reasons to doubt the result.
     seconds
@@ -202,9 +195,6 @@ class Diagnostics:
 
     parameters: float = np.nan
     rank: Array | None = attrs.field(default=None, converter=attrs.converters.optional(to_array))
-    strength: Array | None = attrs.field(
-        default=None, converter=attrs.converters.optional(to_array)
-    )
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     details: Mapping[str, float] = attrs.field(factory=dict)

@@ -46,15 +46,6 @@ def test_too_few_realizations_for_a_window(method):
     assert "hardly determined" in doubts(method, ensemble_of(40.0).select([3, 4]))
 
 
-def test_a_rate_far_above_the_perturbation_for_spectra():
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
-        60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
-    )
-    # A short window, as the time taken goes with its square
-    text = doubts(tv.EnsembleSpectral(window=0.1), tv.preprocess.segment(simulation.recording, 2.0))
-    assert "hardly any power above 250 Hz" in text
-
-
 @pytest.mark.parametrize("key", ["eirf", "sds", "esm"])
 @pytest.mark.parametrize("perturbation", [tv.simulate.FilteredNoise(), tv.simulate.PRBS()])
 def test_a_joint_that_is_not_of_second_order(key, perturbation):

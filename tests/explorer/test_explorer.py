@@ -38,10 +38,10 @@ FORM = {
     "decimate": "100",
     "context": "0.25",
     "align_channels": "on",
-    "method": "sds",
-    "sds.window": "0.2",
-    "sds.max_lag": "",
-    "sds.reference": "command",
+    "method": "birf",
+    "birf.max_lag": "0.2",
+    "birf.prior": "",
+    "birf.reference": "command",
     "kbr.lags": "3",
     "quantity": "stiffness",
     "band": "pointwise",
@@ -84,7 +84,7 @@ def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
     code, _, _ = tvsysid(*shlex.split(found.settings.command)[1:], "--out", "found")
     assert code == 0
     written, over_time = pd.read_csv("found/stiffness.csv"), found.found.over_time()
-    assert list(written.method.unique()) == ["sds:window=0.2,reference=command"]
+    assert list(written.method.unique()) == ["birf:max_lag=0.2,reference=command"]
     for name in ("stiffness", "stiffness_lower", "inertia", "time_varying_vaf"):
         np.testing.assert_allclose(written[name], over_time[name], rtol=1e-5)
 
@@ -108,7 +108,7 @@ def test_only_what_changes_is_done_anew(found, monkeypatch):
 
     found = outcome(found.settings)  # other tests may have filled the caches meanwhile
     monkeypatch.setattr(steps, "read_recording", nobody)
-    again = attrs.evolve(found.settings, method="sds:window=0.3,reference=command")
+    again = attrs.evolve(found.settings, method="birf:max_lag=0.3,reference=command")
     assert outcome(again).found is outcome(again).found
     monkeypatch.setattr(steps, "compare", nobody)
     assert outcome(found.settings).found is found.found
@@ -134,7 +134,7 @@ def test_an_outcome_that_cannot_be_right_states_no_stiffness(file):
         ({"period": "300"}, "300 s"),
         ({"torque": "pos"}, "angle and torque are both &#39;pos&#39;"),
         ({"torque": "one"}, "different lengths"),
-        ({"sds.window": "wide"}, "window must be"),
+        ({"birf.max_lag": "wide"}, "max_lag must be"),
     ],
 )
 def test_what_is_wrong_is_said_on_the_page(file, changed, message):
@@ -175,7 +175,7 @@ def test_the_page_is_built(file, recording):
 
 def test_an_outcome_in_words_in_a_picture_and_in_numbers(found):
     html = shown(found)
-    assert "<p>sds:window=0.2,reference=command: stiffness " in html
+    assert "<p>birf:max_lag=0.2,reference=command: stiffness " in html
     assert "stiffness over a realization" in html
     assert "stiffness (N·m/rad)" in html
     assert "reflex gain is not identified by this method" in shown(found, "reflex_gain")

@@ -9,7 +9,7 @@ from scipy.linalg import toeplitz
 from tests.conftest import ensemble_of, freedom_of, standard_errors_of
 
 import tvsysid as tv
-from tvsysid.methods.shared import correlations, residuals
+from tvsysid.methods.shared import residuals, solve_windows
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann
@@ -79,7 +79,7 @@ def test_short_segments_have_the_variance_of_the_dense_sandwich(context, subtrac
     ensemble = prepared(ensemble_of(40.0, "sine", "prbs", context=context), subtracted)
     lags, half = 12, 5
     model = tv.ShortDataSegments().identify(ensemble)
-    windows = correlations.solve_windows(ensemble, lags, half)
+    windows = solve_windows(ensemble, lags, half)
     taken = (
         np.eye(2 * half + 1)[0] * np.mean(windows.rank / windows.samples) * 20 / (20 - subtracted)
     )

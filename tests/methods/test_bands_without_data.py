@@ -18,19 +18,19 @@ pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
             tv.ShortDataSegments(),
             1,
             False,
-            "windows hold 11 samples of 1 independent realizations for 25 lags",
+            "11 independent samples are too few for 25 lags",
         ),
         (
             tv.ShortDataSegments(),
             7,
             True,
-            "windows hold 66 samples of 6 independent realizations for 25 lags",
+            "66 independent samples are too few for 25 lags",
         ),
         (
             tv.EnsembleIRF(0.04),
             10,
             True,
-            "9 independent realizations are no more than the 9 lags",
+            "9 independent samples are too few for 9 lags, where 10 are needed",
         ),
         (
             tv.EnsembleSpectral(),

@@ -236,7 +236,7 @@ def test_bases_and_several_numbers_that_cannot_be_read_are_told(text, message):
 def test_description():
     sds = describe("sds")
     assert sds.title == "Short data segments"
-    assert sds.settings == ("max_lag = 0.12", "window = 0.1", "reference = None")
+    assert sds.settings == ("max_lag = 0.12", "window = 0.1")
     mine = describe("fit")
     assert (mine.title, mine.assumptions) == ("My fit", ("All is well.",))
     assert mine.settings[:3] == ("window = 0.1", "order = 3", "band = (0.0, 20.0)")

@@ -179,8 +179,7 @@ def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
 
 def _draw_tried(axes: Axes, evidence: Evidence) -> None:
     values, positions = evidence.values, evidence.positions
-    best = np.nanmax(values) if evidence.better == "higher" else np.nanmin(values)
-    worse, names = np.abs(values - best), np.array(evidence.lines)
+    worse, names = np.nanmax(values) - values, np.array(evidence.lines)
     order = np.argsort(positions, kind="stable")
     for name, marker in zip(dict.fromkeys(evidence.lines[1:]), cycle(style.MARKERS), strict=False):
         mine = order[names[order] == name]
@@ -191,5 +190,5 @@ def _draw_tried(axes: Axes, evidence: Evidence) -> None:
     axes.margins(x=0.05)
     axes.set_yscale("symlog", linthresh=1.0)
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.set(xlabel=evidence.axis, ylabel=f"worse than the best by ({evidence.unit})")
+    axes.set(xlabel=evidence.axis, ylabel="worse than the best by (nat)")
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))

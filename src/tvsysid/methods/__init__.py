@@ -32,4 +32,4 @@ from tvsysid.methods.registry import (
     resolve,
     to_text,
 )
-from tvsysid.methods.tuning.evidence import Evidence, Tuned
+from tvsysid.methods.tuning import Evidence, Tuned

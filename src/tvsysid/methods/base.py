@@ -27,10 +27,10 @@ from tvsysid.methods.cascade.reflex_test import changes
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Ensemble
-from tvsysid.validators import at_least, one_of, with_settings
+from tvsysid.validators import one_of, with_settings
 
 if TYPE_CHECKING:
-    from tvsysid.methods.tuning.evidence import Evidence
+    from tvsysid.methods.tuning import Evidence
 
 Number = TypeVar("Number", np.float64, np.complex128)
 AnyMethod = TypeVar("AnyMethod", bound="Method")
@@ -197,25 +197,23 @@ class Method(ABC):
         """
         return self.identify(ensemble)
 
-    def tuned(self, ensemble: Ensemble, seed: int = 0) -> Choice[Self]:
+    def tuned(self, ensemble: Ensemble) -> Choice[Self]:
         """Choose settings from the realizations, whose mean is subtracted.
 
         Return the method with these settings, and the evidence: the settings that were tried, with
-        the score of each. The same seed gives the same settings.
+        the score of each.
 
         Raises
         ------
         InputError
-            If the ensemble has too few realizations or samples, the seed is not a whole number of
-            0 or more, or the method has no settings that can be chosen.
+            If the ensemble has too few samples, or the method has no settings that can be chosen.
         """
         _check_ensemble(self, "tuned", ensemble)
-        at_least(0).check("tuned", "seed", seed)
         with single_thread():
-            evidence = self._evidence(ensemble, seed)
+            evidence = self._evidence(ensemble)
         return Choice(with_settings(self, **evidence.settings), evidence)
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> Evidence:
+    def _evidence(self, ensemble: Ensemble) -> Evidence:
         """Return the evidence for settings."""
         raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Literal, NamedTuple
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
 
 from tvsysid.errors import InputError
-from tvsysid.methods import base, shared, tuning
+from tvsysid.methods import base, shared
 from tvsysid.methods.responses import SecondOrderModel
+from tvsysid.methods.tuning import Evidence
 from tvsysid.models import Diagnostics, Model
 from tvsysid.numerics.bases import (
     A_BASIS,
@@ -36,9 +35,7 @@ BASES: tuple[Basis, ...] = (
     *(FourierSeries(harmonics) for harmonics in (0, 1, 2, 3, 4, 6, 8, 12, 16)),
     *(HaarWavelets(functions) for functions in (2, 4, 8, 16, 32)),
 )
-MAX_COEFFICIENTS = 500
 MIN_GAIN_NAT = 3.0  # log evidence by which another basis must be better: 20 to 1
-COLOUR = 0.6  # s over which the noise's autocorrelation counts with a reference
 
 
 @attrs.frozen
@@ -68,8 +65,7 @@ class BasisIRF(shared.ByReference):
     reference
         Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
         noise of the torque moves too; of the parametric model. What it predicts of the angle is the
-        instrument (:mod:`tvsysid.methods.shared.instrument`), and the coefficients are given their
-        prior by a fit to it.
+        instrument (:mod:`tvsysid.methods.shared.instrument`).
 
     Notes
     -----
@@ -82,7 +78,7 @@ class BasisIRF(shared.ByReference):
     colour (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the
     parametric model). They take noise and angle as equally strong at all times. They do not count
     changes that the basis cannot follow. Where ``"ard"`` prunes a coefficient, they count it as
-    known to be zero. With a reference they count the noise's autocorrelation itself.
+    known to be zero.
 
     Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response,
     weighted by the angle's mean correlations. The diagnostics' ``second_order_agreement`` says
@@ -115,51 +111,32 @@ class BasisIRF(shared.ByReference):
             )
 
     def _fit(self, ensemble: Ensemble, moved: Ensemble) -> Model:
-        rate, products = ensemble.sampling_rate, shared.colour_products(moved)
-        signals = self._signals(moved, products)
+        rate = ensemble.sampling_rate
+        signals = self._signals(moved)
         columns = self._columns(signals, self.basis, ensemble)
         posterior = self._posterior(signals, columns, ensemble)
         if self.reference is not None:
             posterior = _instrumental(posterior, columns, ensemble, moved)
         weights = columns.weights(posterior.mean)
-        missing = (ensemble.samples - len(weights)) // 2
-        filters = shared.derivative_filters(shared.HALF_WIDTH, rate)
-        if self.model == "parametric":
-            readout, impedance = np.eye(3), weights
-        else:  # a second-order fit, weighted by the angle's mean correlations
+        readout, impedance = np.eye(3), weights
+        if self.model == "irf":  # a second-order fit, weighted by the angle's mean correlations
             derivative = shared.derivative_filters(weights.shape[1] // 2, rate)
             projected = derivative @ signals.gram.mean(axis=0)
             fit = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
             readout = fit.inverse[0] @ projected
             impedance = weights @ readout.T
             readout[0] = 1.0  # stiffness is the area under the response
-        over_time = base.padded(impedance, missing)
+        over_time = base.padded(impedance, (ensemble.samples - len(weights)) // 2)
         left, first = shared.second_order_residual(ensemble, over_time)
-        agreement = shared.residual_agreement(ensemble, moved, left, first)
-        if self.model == "irf":
-            left = shared.residual(ensemble, weights)
-        effective, colour = posterior.effective, None
-        # With a reference, the covariances count the noise's colour already.
-        if self.reference is None:
-            colour = shared.Colour.of(ensemble, left, effective / left.size, filters, products)
-        # The posterior counts all samples; where their mean was subtracted, there is less noise in
-        # them.
-        freedom = left.size * shared.independent_realizations(ensemble) / len(ensemble) - effective
-        errors = partial(
-            shared.posterior_errors,
-            [columns.functions] * 3,
-            [*columns.covariances(posterior.covariance, readout)],
-            freedom,
-            ensemble.samples,
-            colour=colour,
-            stronger=(left.size - effective) / max(freedom, 1.0),
-        )
         details = {
             "noise_variance": posterior.noise_variance,
             "log_evidence": posterior.log_evidence,
-            "second_order_agreement": agreement,
+            "second_order_agreement": shared.residual_agreement(moved, left, first),
         }
-        diagnostics = Diagnostics(effective, details=details)
+        diagnostics = Diagnostics(posterior.effective, details=details)
+        if self.model == "irf":
+            left = shared.residual(ensemble, weights)
+        errors = self._errors(posterior, columns, readout, left, moved)
         if self.model == "irf":
             return shared.impulse_response_model(ensemble, weights, impedance, diagnostics, errors)
         names = (
@@ -176,10 +153,9 @@ class BasisIRF(shared.ByReference):
             diagnostics=diagnostics,
         )
 
-    def _signals(self, ensemble: Ensemble, products: Array) -> Signals:
+    def _signals(self, ensemble: Ensemble) -> Signals:
         """Return the moments of angle, velocity and acceleration, or of lagged angles."""
-        is_irf, rate = self.model == "irf", ensemble.sampling_rate
-        lags = shared.HALF_WIDTH
+        is_irf, lags = self.model == "irf", shared.HALF_WIDTH
         if is_irf:
             lags = base.fitting_lags("BasisIRF", self.max_lag, ensemble)
         base.check_window("BasisIRF: the derivatives of the angle", 2 * lags + 1, ensemble)
@@ -189,7 +165,7 @@ class BasisIRF(shared.ByReference):
         if is_irf:
             gram, cross, square, _ = shared.lagged_moments(angle, torque, lags)
         else:
-            gram, cross, square = shared.derivative_moments(products, angle, torque, rate)
+            gram, cross, square = shared.derivative_moments(angle, torque, ensemble.sampling_rate)
         power = np.mean(np.diagonal(gram, axis1=1, axis2=2), axis=0)
         if is_irf:  # lags have one unit
             power[:] = power.mean()
@@ -222,36 +198,53 @@ class BasisIRF(shared.ByReference):
         found = shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
         return found._replace(mean=scale * found.mean, covariance=units * found.covariance)
 
-    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+    def _errors(
+        self,
+        posterior: shared.Regression,
+        columns: Columns,
+        readout: Array,
+        left: Array,
+        moved: Ensemble,
+    ) -> dict[str, shared.StandardError]:
+        """Return the standard errors from the posterior and the colour of what is ``left``."""
+        effective = posterior.effective
+        filters = shared.derivative_filters(shared.HALF_WIDTH, moved.sampling_rate)
+        _, factors = shared.noise_colour(moved, left, effective / left.size, filters)
+        # The posterior counts all samples; where their mean was subtracted, there is less noise in
+        # them.
+        freedom = left.size * shared.independent_realizations(moved) / len(moved) - effective
+        stronger = (left.size - effective) / max(freedom, 1.0)
+        return shared.posterior_errors(
+            [columns.functions] * 3,
+            [*columns.covariances(posterior.covariance, readout)],
+            freedom,
+            moved.samples,
+            stronger * factors,
+        )
+
+    def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
         """Compare bases by their log evidence, less the number of precisions that were fitted.
 
-        Each of these raises the evidence, even of a function that is not there. The ``seed`` is not
-        used: nothing is random.
+        Each of these raises the evidence, even of a function that is not there.
         """
-        if self.prior == "none":
+        if self.prior == "none" or self.model == "irf":
             raise InputError(
-                "BasisIRF: least squares has no evidence to choose a basis by; set prior to 'ard' "
-                "or 'ridge'"
+                "BasisIRF: a basis is chosen by the evidence of the parametric model; set model to "
+                "'parametric', and prior to 'ard' or 'ridge'"
             )
         predicted = self.fit(ensemble).predict(ensemble)
         share = shared.independent_share(ensemble, predicted, (0.0, ensemble.sampling_rate / 2))
-        signals = self._signals(ensemble, shared.colour_products(ensemble))
-        per_function = 2 if self.model == "parametric" else len(signals.rms)
-        tried, functions, values = [], [], []
-        for basis in dict.fromkeys((self.basis, *BASES)):
-            count = evaluate(basis, ensemble.samples).shape[1]
-            if per_function * count > MAX_COEFFICIENTS and basis != self.basis:
-                continue
+        signals, tried = self._signals(ensemble), [*dict.fromkeys((self.basis, *BASES))]
+        functions, values = [], []
+        for basis in tried:
             columns = self._columns(signals, basis, ensemble)
+            count = columns.functions.shape[1] - 1
             evidence = self._posterior(signals, columns, ensemble, share).log_evidence
-            tried.append(basis)
             functions.append(count)
-            values.append(evidence - (per_function * count if self.prior == "ard" else 1))
+            values.append(evidence - (2 * count if self.prior == "ard" else 1))
         best = int(np.argmax(values))
-        return tuning.Evidence(
+        return Evidence(
             criterion="log evidence less precisions fitted",
-            unit="nat",
-            better="higher",
             tried=tuple({"basis": basis} for basis in tried),
             values=np.array(values),
             chosen=best if values[best] > values[0] + MIN_GAIN_NAT else 0,
@@ -320,12 +313,12 @@ def _instrumental(
 
     They follow from their posterior m, C in a fit to the instruments alone:
 
-    .. math:: (Z^T X + \sigma^2 P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
-              M = (1 + C\, Z^T (X - Z) / \sigma^2)^{-1}
+    .. math:: (Z^T X + s P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
+              M = (1 + C\, Z^T (X - Z) / s)^{-1}
 
-    whatever the prior. The covariance is :math:`A^{-1} Z^T R Z A^{-T}` with :math:`A^{-1} = M C
-    / \sigma^2`. R is the covariance of the noise, of any colour, from the residual of the measured
-    angle. Coefficients that the prior pruned stay 0.
+    whatever the prior P, with s the noise variance of that fit. The covariance is
+    :math:`\sigma^2 M C M^T / s`, with :math:`\sigma^2` from the residual of the measured angle.
+    Coefficients that the prior pruned stay 0.
     """
     missing = base.missing_edge(shared.HALF_WIDTH, ensemble)
     at = slice(missing, ensemble.samples - missing)
@@ -336,25 +329,6 @@ def _instrumental(
     mean = transform @ posterior.mean
     left = ensemble.torque[:, ensemble.core][:, at]
     left = left - np.einsum("ti,irt->rt", columns.weights(mean), x)
-    freedom = max(left.size - posterior.effective, 1.0)
-    spread = _noise_through(columns, z, left, round(COLOUR * ensemble.sampling_rate))
-    inverse, noise = transform @ gain, float(np.vdot(left, left)) / freedom
-    covariance = inverse @ spread @ inverse.T * (left.size / freedom)
+    noise = float(np.vdot(left, left)) / max(left.size - posterior.effective, 1.0)
+    covariance = noise * (transform @ gain @ transform.T)
     return posterior._replace(mean=mean, covariance=covariance, noise_variance=noise)
-
-
-def _noise_through(columns: Columns, signals: Array, left: Array, lags: int) -> Array:
-    r"""Return the variance (column, column) of :math:`Z^T e` for the noise e.
-
-    The noise has the autocorrelation of the residual ``left`` within each realization, up to
-    ``lags`` samples apart, under half a Hann window. ``signals`` has shape (signal, realization,
-    time).
-    """
-    samples = left.shape[1]
-    lags = min(lags, samples - 1)
-    taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(lags + 1) / (lags + 1))
-    covariance = shared.autocovariance(left, lags) * taper
-    noise = toeplitz(np.pad(covariance, (0, samples - lags - 1)))
-    signal, function = np.nonzero(columns.chosen)
-    rows = (columns.functions.T[function] * each[signal] for each in signals.transpose(1, 0, 2))
-    return np.asarray(sum(each @ noise @ each.T for each in rows))

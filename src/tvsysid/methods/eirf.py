@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from typing import Literal
 
 import attrs
-import numpy as np
 
-from tvsysid.methods import shared, tuning
+from tvsysid.methods import shared
 from tvsysid.methods.base import Method, fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics import Array, pseudoinverse
@@ -16,8 +15,6 @@ from tvsysid.signals import Ensemble
 from tvsysid.validators import one_of, positive
 
 Solving = Literal["mdl", "full"]
-
-LAGS = (0.03, 0.04, 0.06, 0.08, 0.10, 0.12, 0.16)  # s, of which tuned ones are the best
 
 
 @attrs.frozen
@@ -83,13 +80,7 @@ class EnsembleIRF(Method):
         """Return the model of an ensemble."""
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
         windows = shared.solve_windows(ensemble, lags, 0, self._solve)
-        unknowns, independent = 2 * lags + 1, shared.independent_realizations(ensemble)
-        why = (
-            f"{independent} independent realizations are no more than the {unknowns} lags: the "
-            "noise cannot be separated from the joint's response; record more, or shorten max_lag"
-        )
-        enough = np.full(len(windows.weights), independent > unknowns)
-        return shared.window_model(ensemble, windows, enough, why)
+        return shared.window_model(ensemble, windows, half=0, needed=2 * lags + 2)
 
     def _solve(
         self, phi_uu: Array, phi_uy: Array, variance: Array, count: Array
@@ -98,21 +89,11 @@ class EnsembleIRF(Method):
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
 
-    def _evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        return tuning.evidence_by_halves(self, ensemble, seed, {"max_lag": LAGS}, self.max_lag)
-
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         if len(ensemble) < 2 * unknowns:
-            few, fault = (
-                (
-                    "fewer than",
-                    "the fit at each time is not determined and its random error is very large",
-                )
-                if len(ensemble) < unknowns
-                else ("less than twice", "the random error is large")
-            )
+            few = "fewer than" if len(ensemble) < unknowns else "less than twice"
             yield (
-                f"{len(ensemble)} realizations are {few} the {unknowns} lags: {fault}; record "
-                "more, shorten max_lag, or use sds or birf"
+                f"{len(ensemble)} realizations are {few} the {unknowns} lags: the random error is "
+                "large; record more, shorten max_lag, or use sds or birf"
             )

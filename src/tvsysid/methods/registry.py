@@ -28,7 +28,7 @@ from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.settings import settings_from_text
 from tvsysid.methods.skirt import SkirtDecomposition
 from tvsysid.methods.subspace_cascade import SubspaceCascade
-from tvsysid.methods.tuning.evidence import Tuned
+from tvsysid.methods.tuning import Tuned
 from tvsysid.validators import settings_of
 
 METHODS: dict[str, type[Method]] = {
@@ -55,8 +55,6 @@ METHODS: dict[str, type[Method]] = {
 PAPER_METHODS = ("eirf", "sds", "birf", "esm", "kbr")  # compared by van de Ruit et al. 2021
 STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # of a study, by default
 CLOSED_LOOP = (  # for a joint in closed loop; the channel "disturbance" holds the reference
-    "sds:reference=disturbance",
-    "esm:stiffness=fit,reference=disturbance",
     "birf:reference=disturbance",
     "kbr:reference=disturbance,weighting=residual",
 )
@@ -124,7 +122,7 @@ def parse(text: str) -> Method:
     Examples
     --------
     >>> parse("esm:window=0.4,stiffness=fit")
-    EnsembleSpectral(window=0.4, stiffness='fit', reference=None)
+    EnsembleSpectral(window=0.4, stiffness='fit')
     >>> parse("birf:basis=HaarWavelets(functions=8)").basis
     HaarWavelets(functions=8)
     >>> parse("kbr:gamma=(4.5, 0.1, 1e-4)").gamma
@@ -132,7 +130,7 @@ def parse(text: str) -> Method:
     >>> parse("birf:tuned=true").title
     'Basis impulse response function, tuned'
     >>> parse("tvsysid.methods:ShortDataSegments:window=0.2")
-    ShortDataSegments(max_lag=0.12, window=0.2, reference=None)
+    ShortDataSegments(max_lag=0.12, window=0.2)
     """
     method: Method = from_text(text, "method")
     return method

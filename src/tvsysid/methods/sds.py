@@ -7,23 +7,18 @@ from collections.abc import Iterator
 import attrs
 
 from tvsysid.errors import InputError
-from tvsysid.methods import shared, tuning
-from tvsysid.methods.base import fitting_lags, whole_samples
+from tvsysid.methods import shared
+from tvsysid.methods.base import Method, fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.signals import Ensemble
-from tvsysid.validators import optional, positive, text
+from tvsysid.validators import positive
 
-# Candidates in s among which tuning chooses.
-LAGS = (0.03, 0.04, 0.06, 0.08, 0.12, 0.16)
-WINDOWS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.14, 0.20, 0.30, 0.40)
 # Independent samples that a band needs. With fewer, 95 % bands covered the truth in 78 to 90 %.
 MIN_SAMPLES_PER_LAG = 3
-# Independent realizations that a band needs. With one, 95 % bands covered 80 to 86 %.
-MIN_REALIZATIONS = 2
 
 
 @attrs.frozen
-class ShortDataSegments(shared.ByReference):
+class ShortDataSegments(Method):
     r"""Estimate a two-sided impulse response at each time, across realizations and a short window.
 
     .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2}
@@ -40,12 +35,6 @@ class ShortDataSegments(shared.ByReference):
     window
         Time N Δt over which the joint is assumed constant, in s. An instantaneous change is spread
         over the window: the rise from 10 to 90 % takes 80 % of it.
-    reference
-        Channel with the applied disturbance, for a joint in closed loop, where noise in the torque
-        also moves the angle. The lags of the channel from -max_lag to 0.3 s are then the
-        instruments of two-stage least squares (:mod:`tvsysid.methods.shared.correlations`). The
-        response is truncated at a hundredth of its best determined direction. The random error is
-        two to three times that of esm and birf with a reference.
 
     Notes
     -----
@@ -57,13 +46,11 @@ class ShortDataSegments(shared.ByReference):
     The bands account for correlated noise, by the autocorrelation of the residual. This
     autocorrelation is assumed to be the same at all times; the strength of the noise may change.
     The bands do not cover the smoothing bias of the window: near a switch, the truth lies outside.
-    There is no band with fewer than three independent samples for each lag, or with only one
-    realization.
+    There is no band with fewer than three independent samples for each lag.
     """
 
     max_lag: float = attrs.field(default=0.12, validator=positive)
     window: float = attrs.field(default=0.10, validator=positive)
-    reference: str | None = attrs.field(default=None, validator=optional(text))
 
     key = "sds"
     title = "Short data segments"
@@ -78,7 +65,8 @@ class ShortDataSegments(shared.ByReference):
     )
     cites = ("ludvig2012", "vanderuit2021")
 
-    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> ImpulseResponseModel:
+    def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
+        """Return the model of an ensemble."""
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
         half = whole_samples(self.window / 2, ensemble)
         if 2 * half + 1 > ensemble.samples:
@@ -86,17 +74,9 @@ class ShortDataSegments(shared.ByReference):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
                 f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
-        unknowns, independent = 2 * lags + 1, shared.independent_realizations(ensemble)
-        windows = shared.solve_windows(ensemble, lags, half, reference=self.reference)
-        enough = windows.independent >= MIN_SAMPLES_PER_LAG * unknowns
-        enough &= independent >= MIN_REALIZATIONS
-        why = (
-            f"windows hold {windows.independent.max():.0f} samples of {independent} independent "
-            f"realizations for {unknowns} lags, where {MIN_SAMPLES_PER_LAG} for each and "
-            f"{MIN_REALIZATIONS} realizations are needed to estimate the noise; record more, "
-            "shorten max_lag, or lengthen window"
-        )
-        return shared.window_model(ensemble, windows, enough, why)
+        windows = shared.solve_windows(ensemble, lags, half)
+        needed = MIN_SAMPLES_PER_LAG * (2 * lags + 1)
+        return shared.window_model(ensemble, windows, half, needed)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
@@ -106,8 +86,3 @@ class ShortDataSegments(shared.ByReference):
                 f"a window holds {samples} samples of all realizations for {unknowns} lags: the "
                 "fit is hardly determined; record more, or lengthen window"
             )
-
-    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
-        return tuning.evidence_by_halves(
-            self, ensemble, seed, {"max_lag": LAGS, "window": WINDOWS}, self.max_lag
-        )

@@ -67,7 +67,7 @@ def second_order_fit(moments: Array, cross: Array) -> MomentFit:
 
 
 def derivative_moments(
-    products: Array, angle: Array, torque: Array, sampling_rate: float
+    angle: Array, torque: Array, sampling_rate: float
 ) -> tuple[Array, Array, Array]:
     """Return moments over realizations of angle, velocity, acceleration and torque at each time.
 
@@ -75,12 +75,9 @@ def derivative_moments(
     and (time,) for the torque. No derivative is formed: the three are sums of the angles about.
 
     The times are those :data:`HALF_WIDTH` from both ends of angle and torque (realization, time).
-    ``products`` are the angle's moments along the diagonals (:func:`diagonal_moments`), of as many
-    more samples before as after.
     """
     filters = derivative_filters(HALF_WIDTH, sampling_rate)[:, ::-1]
-    first = (len(products) - angle.shape[1] + 1) // 2
-    along = products[first : first + angle.shape[1], : 2 * HALF_WIDTH + 1]
+    along = diagonal_moments(angle, angle, 2 * HALF_WIDTH)
     inner = torque[:, HALF_WIDTH : torque.shape[1] - HALF_WIDTH]
     cross = diagonal_moments(inner, angle, 2 * HALF_WIDTH) @ filters.T
     square = np.einsum("rt,rt->t", inner, inner) / len(inner)

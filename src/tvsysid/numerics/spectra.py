@@ -25,9 +25,7 @@ class ShortTimeSpectra(NamedTuple):
     yy: Array
 
 
-def short_time_spectra(
-    u: Array, y: Array, length: int, products: Array | None = None
-) -> ShortTimeSpectra:
+def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     r"""Return spectral densities of Hann-windowed segments, averaged over realizations.
 
     .. math:: S_{yu}(f, t) = \frac{1}{N R} \sum_r Y_r(f, t)\, U_r^*(f, t)
@@ -36,7 +34,7 @@ def short_time_spectra(
     the windowed segments of N = ``length`` samples. No mean is subtracted. Row 0 belongs to sample
     N // 2; for an even N the segment about t is t - N/2 ... t + N/2 - 1. The densities are the
     Fourier transforms of the segments' correlations at each distance, which follow from the second
-    moments. ``products`` are the input's moments along the diagonals, if they are known.
+    moments.
     """
     window = hann(length)
     taper = window * hankel(window)  # of a sample and the one that comes d later, shape (d, sample)
@@ -48,15 +46,13 @@ def short_time_spectra(
         windows = sliding_window_view(moments, length, axis=0)
         return np.asarray(np.einsum("tdj,dj->td", windows, taper)) / length
 
-    if products is None or products.shape[1] < length:
-        products = diagonal_moments(u, u, length - 1)
-    later, earlier, yy = (
-        correlation(diagonal_moments(a, b, length - 1)) for a, b in ((u, y), (y, u), (y, y))
+    uu, later, earlier, yy = (
+        correlation(diagonal_moments(a, b, length - 1)) for a, b in ((u, u), (u, y), (y, u), (y, y))
     )
     yu = (later + earlier) @ (0.5 * twice * np.cos(turns)) - 1j * (
         (later - earlier) @ np.sin(turns)
     )
-    uu, yy = (each @ (twice * np.cos(turns)) for each in (correlation(products[:, :length]), yy))
+    uu, yy = (each @ (twice * np.cos(turns)) for each in (uu, yy))
     return ShortTimeSpectra(uu, yu, yy)
 
 

@@ -21,7 +21,7 @@ from tvsysid.figures import (
 )
 from tvsysid.methods.base import Method
 from tvsysid.methods.references import bibliography, cited
-from tvsysid.methods.tuning.evidence import Tuned
+from tvsysid.methods.tuning import Tuned
 from tvsysid.numerics.bands import mean_of
 from tvsysid.recommendation.answer import has_one_pathway, reflex_shown
 from tvsysid.report.estimates import estimates, further

@@ -232,9 +232,7 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
         )
         impedance = np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
         left, first = shared.second_order_residual(ensemble, impedance)
-        details["second_order_agreement"] = shared.residual_agreement(
-            ensemble, ensemble, left, first
-        )
+        details["second_order_agreement"] = shared.residual_agreement(ensemble, left, first)
     missing = signals.edges[0]
     return AdaptiveModel(
         method=name,

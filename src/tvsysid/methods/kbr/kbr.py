@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any, Literal, Self
 
 import attrs
 import numpy as np
 
-from tvsysid.methods import base, responses, shared, tuning
+from tvsysid.methods import base, responses, shared
 from tvsysid.methods.kbr import search
-from tvsysid.methods.kbr.fit import KernelPosterior, fit, fit_coefficients
+from tvsysid.methods.kbr.fit import fit, fit_coefficients
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.methods.kbr.record import Record, clocks_of, kernel_over
-from tvsysid.models import Diagnostics, StandardError
+from tvsysid.methods.tuning import Evidence
+from tvsysid.models import Diagnostics
+from tvsysid.numerics.noise import power_in_band
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_number, one_of, optional, positive
 
@@ -32,6 +33,8 @@ DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 USUAL_MODULUS = 100.0
 # iterations of the residual weights; a third changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
+# share of white noise's power in a band below which an autocorrelation is too coarse to tell it
+LEAST_POWER = 1e-3
 
 
 def _numbers(value: Any, count: int) -> bool:
@@ -146,7 +149,6 @@ class KernelRegression(shared.ByReference):
         "smooth, with ripples beside it."
     )
     cites = ("lataire2017", "cavallo2020", "vanderuit2021")
-    bands_need_strength = False
 
     @classmethod
     def preset(cls, name: Preset, **settings: Any) -> Self:
@@ -188,27 +190,26 @@ class KernelRegression(shared.ByReference):
         details = {
             "noise_variance": 2 * found.noise_variance,
             "iterations": found.iterations,
-            "second_order_agreement": shared.residual_agreement(ensemble, moved, left, edge),
+            "second_order_agreement": shared.residual_agreement(moved, left, edge),
         }
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
-        colour = None
+        # The posterior does not know that a mean over realizations was subtracted.
+        factors = len(ensemble) / shared.independent_realizations(ensemble) * np.ones(3)
         # The posterior assumes that the noise is as strong as its mean over the fitted band.
         if self.weighting == "white":
             filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-            share = found.effective / left.size
-            colour = shared.Colour.of(moved, left, share, _in_band(filters, low, high))
-        errors = partial(
-            standard_errors,
-            posterior,
-            kernel,
-            times_of(ensemble, kernel),
-            colour=colour,
-            band=(low, high),
-            # The posterior does not know that a mean over realizations was subtracted.
-            stronger=len(ensemble) / shared.independent_realizations(ensemble),
-            freedom=max(1.0, 2 * left.size * (high - low) - found.effective),
-            times=ensemble.samples,
-            missing=missing,
+            share, filters = found.effective / left.size, _in_band(filters, low, high)
+            noise, coloured = shared.noise_colour(moved, left, share, filters)
+            factors *= coloured / max(power_in_band(noise, low, high), LEAST_POWER)
+        times = times_of(ensemble, kernel)
+        features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
+        blocks = posterior.covariance.reshape(3, kernel.columns, 3, kernel.columns)
+        errors = shared.posterior_errors(
+            [features[missing : ensemble.samples - missing]] * 3,
+            [blocks[number, :, number] for number in range(3)],
+            max(1.0, 2 * left.size * (high - low) - found.effective),
+            ensemble.samples,
+            factors,
         )
         return KernelModel(
             sampling_rate=ensemble.sampling_rate,
@@ -240,7 +241,7 @@ class KernelRegression(shared.ByReference):
         """Return the prior variances of stiffness, viscosity and inertia about their means."""
         return np.broadcast_to(np.asarray(self.gamma, dtype=float), 3) * self._scale(record) ** 2
 
-    def _open_loop_evidence(self, ensemble: Ensemble, seed: int) -> tuning.Evidence:
+    def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
         """Compare settings by marginal likelihood: l1 and gammas, then decays.
 
         The search is deterministic. Noise that is not white in the band lowers the number of
@@ -295,20 +296,6 @@ def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> A
     """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3)."""
     phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
     return kernel.combined(coefficients.reshape(3, -1), phase, clock)
-
-
-def standard_errors(
-    posterior: KernelPosterior, kernel: Kernel, times: Array, /, **noise: Any
-) -> dict[str, StandardError]:
-    """Return the standard errors of impedances averaged over realizations.
-
-    ``times`` are those of :func:`times_of`, ``noise`` the settings of
-    :func:`tvsysid.methods.shared.residuals.posterior_errors`.
-    """
-    features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
-    blocks = posterior.covariance.reshape(3, kernel.columns, 3, kernel.columns)
-    covariances = [blocks[number, :, number] for number in range(3)]
-    return shared.posterior_errors([features] * 3, covariances, **noise)
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

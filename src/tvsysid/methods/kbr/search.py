@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
 from tvsysid.methods.kbr.record import Mask, Record, kernel_over
-from tvsysid.methods.tuning.evidence import Evidence
+from tvsysid.methods.tuning import Evidence
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Array, Ensemble
 
@@ -201,8 +201,6 @@ def evidence_of(tried: Sequence[Candidate], method: object, scale: float) -> Evi
     settings[0] = {name: getattr(method, name) for name in settings[0]}
     return Evidence(
         criterion="log marginal likelihood",
-        unit="nat",
-        better="higher",
         tried=tuple(settings),
         values=values,
         chosen=chosen,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from tvsysid.numerics.noise import (
     angle_products,
     autocovariance,
     colour_factors,
-    power_in_band,
     regressor_correlation,
     regressor_covariances,
     white_share,
@@ -27,8 +25,6 @@ from tvsysid.signals import Array, Ensemble
 # seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
 LONGEST_COLOUR = 0.25
 LEAST_LEFT = 0.1  # share of the noise that a residual is taken to hold at least
-# share of white noise's power in a band below which an autocorrelation is too coarse to tell it
-LEAST_POWER = 1e-3
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
@@ -94,19 +90,19 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
     return ensemble.torque[:, start:stop] - convolve_lags(angle, weights), int(first)
 
 
-def residual_agreement(ensemble: Ensemble, moved: Ensemble, left: Array, first: int) -> float:
+def residual_agreement(ensemble: Ensemble, left: Array, first: int) -> float:
     """Return how much of the torque that depends on the angle a fit explains, in per cent.
 
     ``left`` (realization, time) is the residual of the torque from the time ``first`` on, at times
-    at which the derivatives of the angle are known. The angle is that of ``moved``: in closed loop,
-    the angle predicted from a reference. The measured one cannot serve there, because the part of
-    it that noise moves is correlated with the noise in the residual. See
+    at which the derivatives of the angle are known. In closed loop, the ensemble must have the
+    angle predicted from a reference: the part of the measured one that noise moves is correlated
+    with the noise in the residual. See
     :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
     if not left.size:
         return float("nan")
     start, stop = ensemble.context + first, ensemble.context + first + left.shape[1]
-    angle = moved.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
+    angle = ensemble.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
     cross = diagonal_moments(left, angle, 2 * HALF_WIDTH).mean(axis=0)
     products = diagonal_moments(angle, angle, 2 * HALF_WIDTH)
     moments = np.einsum("tjk->jk", window_matrices(products, products)) / left.shape[1]
@@ -127,51 +123,36 @@ def noise_correlation(covariance: Array, taken: Array) -> Array:
     return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + taken[1:]]))
 
 
-class Colour(NamedTuple):
-    """Statistics from which the effect of the noise's colour on a fit's variances is computed.
+def noise_colour(
+    ensemble: Ensemble,
+    left: Array,
+    taken: Array | float,
+    filters: Array,
+    seen: Array | float = 1.0,
+) -> tuple[Array, Array]:
+    """Return the autocorrelation (lag,) of the noise, and what it does to a fit's variances.
 
-    ``covariance`` (lag,) is that of the residual. ``taken`` is the share of the noise's power
-    that the fit would explain if its regressors were the same at all lags, (lag,) or one for all.
-    ``filters`` (regressor, tap) give the regressors from lagged angles. ``products`` are those of
-    the angle along the diagonals.
+    The factors (regressor,) are relative to the variances under white noise.
+
+    Parameters
+    ----------
+    left
+        Residual (realization, time) of the fit.
+    taken
+        Share of the noise's power that the fit would explain if its regressors were the same at all
+        lags, (lag,) or one for all; for noise whose mean over realizations was not subtracted.
+    filters
+        Filters (regressor, tap) that give the regressors from lagged angles.
+    seen
+        Share of the noise's products at each lag that enters the fit.
     """
-
-    covariance: Array
-    taken: Array | float
-    filters: Array
-    products: Array
-
-    @classmethod
-    def of(
-        cls,
-        ensemble: Ensemble,
-        left: Array,
-        taken: Array | float,
-        filters: Array,
-        products: Array | None = None,
-    ) -> Colour:
-        """Return the colour of a residual ``left`` (realization, time).
-
-        ``taken`` is the share for noise whose mean over realizations was not subtracted.
-        ``products`` are the :func:`colour_products` of the angle, if they are known.
-        """
-        lags = colour_lags(ensemble)
-        share = taken * len(ensemble) / independent_realizations(ensemble)
-        if products is None:
-            products = colour_products(ensemble, filters.shape[1])
-        return cls(autocovariance(left, lags), share, filters, products)
-
-    def noise_and_factors(self, seen: Array | float = 1.0) -> tuple[Array, Array]:
-        """Return the autocorrelation (lag,) of the noise, and the factors of the fit's variances.
-
-        The factors are relative to the variances under white noise. ``seen`` is the share of the
-        noise's products at each lag that enters the fit.
-        """
-        regressors = regressor_covariances(self.filters, self.products)
-        noise = noise_correlation(
-            self.covariance, np.asarray(self.taken * regressor_correlation(regressors))
-        )
-        return noise, colour_factors(regressors, noise * seen)
+    lags = colour_lags(ensemble)
+    products = angle_products(ensemble.angle, filters.shape[1], lags)
+    regressors = regressor_covariances(filters, products)
+    share = taken * len(ensemble) / independent_realizations(ensemble)
+    correlated = np.asarray(share * regressor_correlation(regressors))
+    noise = noise_correlation(autocovariance(left, lags), correlated)
+    return noise, colour_factors(regressors, noise * seen)
 
 
 def colour_lags(ensemble: Ensemble) -> int:
@@ -179,25 +160,14 @@ def colour_lags(ensemble: Ensemble) -> int:
     return min(round(LONGEST_COLOUR * ensemble.sampling_rate), int(ensemble.angle.shape[1]))
 
 
-def colour_products(ensemble: Ensemble, width: int = 2 * HALF_WIDTH + 1) -> Array:
-    """Return the moments of the angle along the diagonals, as far as they are needed.
-
-    Filters of ``width`` taps and the noise's autocorrelation need them.
-    """
-    return angle_products(ensemble.angle, width, colour_lags(ensemble))
-
-
 def posterior_errors(
     expansions: Sequence[Array],
     covariances: Sequence[Array],
     freedom: float,
     times: int,
-    missing: int = 0,
-    colour: Colour | None = None,
-    band: tuple[float, float] = (0.0, 0.5),
-    stronger: float = 1.0,
+    factors: Array | float = 1.0,
 ) -> dict[str, StandardError]:
-    """Return standard errors from the posterior of coefficients and the colour of the noise.
+    """Return standard errors from the posterior of coefficients.
 
     Parameters
     ----------
@@ -206,27 +176,20 @@ def posterior_errors(
         their coefficients.
     freedom
         Degrees of freedom.
-    times, missing
-        Number of times of a realization, and of those at either end without an estimate.
-    colour
-        Colour of the noise, which the posterior takes as white. None if it is white.
-    band
-        Edges of the fitted band in cycles per sample.
-    stronger
-        Ratio of the noise to that in the posterior.
+    times
+        Number of times of a realization. The errors are NaN at the times of either end that the
+        functions lack.
+    factors
+        Factors of the variances, one or (quantity,).
     """
-    factors = np.full(len(expansions), stronger)
-    if colour is not None:
-        noise, factors = colour.noise_and_factors()
-        factors *= stronger / max(power_in_band(noise, *band), LEAST_POWER)
     errors = {}
+    factors = np.broadcast_to(factors, len(expansions))
     parts = zip(IMPEDANCE, factors, expansions, covariances, strict=True)
     for name, factor, expansion, covariance in parts:
         variance = factor * np.einsum(
             "tj,jk,tk->t", expansion, covariance, expansion, optimize=True
         )
         values = padded(np.sqrt(np.maximum(variance, 0.0)), (times - len(expansion)) // 2)
-        values[:missing] = values[times - missing :] = np.nan
         arc = arc_length(expansion, covariance)
         errors[name] = StandardError(values, np.array(freedom), arc)
     return errors

@@ -1,24 +1,126 @@
-"""Models of impulse responses that were estimated in windows, and their standard errors."""
+"""Estimate an impulse response at each time from correlations in a window about it."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import toeplitz
 
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.responses import ImpulseResponseModel
-from tvsysid.methods.shared.correlations import Windows
-from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
-from tvsysid.methods.shared.residuals import independent_realizations, noise_correlation, residual
+from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
+from tvsysid.methods.shared.residuals import (
+    independent_realizations,
+    noise_correlation,
+    residual,
+    residual_agreement,
+    second_order_residual,
+)
 from tvsysid.models import Diagnostics, StandardError
+from tvsysid.numerics.moments import lagged_moments, sliding_sum, time_chunks
 from tvsysid.numerics.noise import autocovariance
+from tvsysid.numerics.pseudoinverse import Solution, truncated
+from tvsysid.numerics.second_order import derivative_filters, second_order_fit
 from tvsysid.signals import Array, Ensemble
 
+Solver = Callable[[Array, Array, Array, Array], Solution]
 
-def coloured_variances(windows: Windows, noise: Array) -> Array:
+
+class Windows(NamedTuple):
+    """Least squares in a window about each time whose lags lie within the context.
+
+    ``weights`` (time, lag) and ``rank`` describe the solution. These have shape (time,): the number
+    of ``samples`` in the window, the number of ``independent`` ones, the ``noise`` variance and its
+    degrees of ``freedom``. ``readout`` (time, 3, lag) gives stiffness, viscosity and inertia from
+    the correlations with the torque. ``fit`` (time, 3) is a second-order fit.
+    """
+
+    weights: Array
+    rank: Array
+    samples: Array
+    independent: Array
+    noise: Array
+    freedom: Array
+    readout: Array
+    fit: Array
+
+
+def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = truncated) -> Windows:
+    r"""Solve :math:`\varphi(t) = \Phi(t) w(t)` at each time.
+
+    The correlations are means over realizations and a window of time. The window reaches ``half``
+    samples to either side, and is cut short where the context ends. ``solve`` gives the solution
+    from :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged.
+    The noise is the residual of all directions of the lagged angles. The residual of the truncated
+    solution would be too small, because the same noise chose its directions.
+    """
+    angle, torque, margin = _within_reach(ensemble, lags, half)
+    times = angle.shape[1] - 2 * (lags + margin)
+    realizations, last = independent_realizations(ensemble), times + 2 * margin
+    derivative = derivative_filters(lags, ensemble.sampling_rate)
+    parts = []
+    for chunk in time_chunks(times, 2 * lags + 1):
+        begin, end = max(0, chunk.start + margin - half), min(last, chunk.stop + margin + half)
+        within = slice(begin, end + 2 * lags)
+        centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
+        summed = np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags)
+        samples, *sums = (sliding_sum(each, half, half)[centres] for each in summed)
+        phi_uu, phi_uy, square, mean = (
+            total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums
+        )
+        count, independent = samples * len(ensemble), samples * realizations
+        variance = (square - mean**2) * count / np.maximum(count - 1, 1)
+        solution = solve(phi_uu, phi_uy, variance, count)
+        fit, inverse = second_order_fit(derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T)
+        # Stiffness is the area under the response; the fit has the other two.
+        area = solution.inverse.sum(axis=2)[:, None]
+        readout = np.concatenate([area, (inverse @ derivative)[:, 1:]], axis=1)
+        freedom = independent - solution.usable
+        left = np.maximum(square - solution.explained, 0.0)
+        noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
+        parts.append((*solution[:2], count, independent, noise, freedom, readout, fit))
+    return Windows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:
+    """Return angle and torque as far as lags and windows reach.
+
+    Return also how many samples of a window may lie beyond the realization: the context that the
+    lags leave.
+    """
+    margin = min(half, max(0, ensemble.context - lags))
+    first = ensemble.context + missing_edge(lags, ensemble) - margin - lags
+    reach = slice(first, ensemble.angle.shape[1] - first)
+    return ensemble.angle[:, reach], ensemble.torque[:, reach], margin
+
+
+def window_model(
+    ensemble: Ensemble, windows: Windows, half: int, needed: int
+) -> ImpulseResponseModel:
+    """Return the model of windows. Bands are where a window has the ``needed`` samples."""
+    lags = windows.weights.shape[1] // 2
+    missing = missing_edge(lags, ensemble)
+    left, first = second_order_residual(ensemble, padded(windows.fit, missing))
+    details = {"second_order_agreement": residual_agreement(ensemble, left, first)}
+    rank = padded(windows.rank.astype(float), missing)
+    diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
+    enough, reason = windows.independent >= needed, ""
+    if not enough.any():
+        reason = (
+            f"{windows.independent.max():.0f} independent samples are too few for {2 * lags + 1} "
+            f"lags, where {needed} are needed to estimate the noise; record more, or shorten "
+            "max_lag"
+        )
+    variances = np.where(enough[:, None], coloured_variances(ensemble, windows, half), np.nan)
+    values, freedom = (padded(each, missing) for each in (np.sqrt(variances), windows.freedom))
+    errors = standard_errors(values, freedom[:, None], absent=reason)
+    return impulse_response_model(ensemble, windows.weights, windows.fit, diagnostics, errors)
+
+
+def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array:
     r"""Return the variances (time, 3) of the impedance if neighbouring noise is correlated.
 
     With :math:`z_r(i) = a^T x_r(i)`, the readout a of a quantity applied to the lagged angles,
@@ -26,77 +128,32 @@ def coloured_variances(windows: Windows, noise: Array) -> Array:
     .. math:: \mathrm{var} = \frac{\sigma^2(t)}{L^2}
               \sum_r \sum_{i, j \in W(t)} z_r(i)\, \rho(i - j)\, z_r(j)
 
-    with the autocorrelation :math:`\rho` of the residual at all times, ``noise`` (distance,).
+    with the autocorrelation :math:`\rho` of the residual at all times.
     """
-    u, correlation = windows.lagged.u, toeplitz(noise)
-    sums = np.empty(windows.impedance.shape)
+    lags = windows.weights.shape[1] // 2
+    # So many lagged angles share hardly anything with those of the next sample: the fit takes
+    # variance only.
+    taken = np.zeros(2 * half + 1)
+    taken[0] = np.mean(windows.rank / windows.independent)
+    left = autocovariance(residual(ensemble, windows.weights), 2 * half)
+    correlation = toeplitz(noise_correlation(left, taken))
+    angle, _, margin = _within_reach(ensemble, lags, half)
+    u = sliding_window_view(angle, 2 * lags + 1, axis=1)[..., ::-1]
+    sums = np.empty(windows.fit.shape)
     for time, readout in enumerate(windows.readout):
-        z = u[:, windows.lagged.window(time)] @ readout.T
+        centre = time + margin
+        z = u[:, max(0, centre - half) : centre + half + 1] @ readout.T
         mixed = correlation[: z.shape[1], : z.shape[1]] @ z
         sums[time] = np.einsum("rwq,rwq->q", z, mixed)
     return np.asarray(sums * (windows.noise / windows.samples**2)[:, None])
 
 
-def window_errors(
-    windows: Windows, noise: Array, missing: int, enough: NDArray[np.bool_], reason: str
-) -> dict[str, StandardError]:
-    """Return the standard errors of windows, at the times at which there is ``enough`` data.
-
-    They follow from the autocorrelation of the ``noise`` (distance,). ``missing`` times at either
-    end have no window. ``reason`` says what is too little.
-    """
-    if not enough.any():
-        unknown = np.full((len(enough) + 2 * missing, 3), np.nan)
-        return standard_errors(unknown, np.inf, absent=reason)
-    values = np.sqrt(np.where(enough[:, None], coloured_variances(windows, noise), np.nan))
-    return standard_errors(padded(values, missing), padded(windows.freedom, missing)[:, None])
-
-
-def two_stage_errors(windows: Windows, independent: int, missing: int) -> dict[str, StandardError]:
-    r"""Return the standard errors of windows by a reference: the sandwich of realizations' scores.
-
-    .. math:: V = \frac{R}{R - 1} \sum_r s_r s_r^T, \qquad
-              s_r = \frac1L \sum_{i \in W} (G z_r(i))\, e_r(i)
-
-    with G the matrix that gives the impedance from the instruments' correlations with the torque,
-    and e the residual torque, corrected for the degrees of freedom. The noise may be of any kind.
-    """
-    z, u, y = windows.lagged.z, windows.lagged.u, windows.lagged.y
-    squares = np.empty(windows.impedance.shape)
-    for time in range(len(squares)):
-        at = windows.lagged.window(time)
-        left = y[:, at] - u[:, at] @ windows.weights[time]
-        effects = z[:, at] @ windows.on_instruments[time].T
-        squares[time] = np.sum(np.einsum("rwq,rw->rq", effects, left) ** 2, axis=0)
-    share = len(y) / (independent - 1) if independent > 1 else np.nan
-    untaken = np.maximum(1 - windows.rank / windows.independent, 0.1)
-    values = np.sqrt(share * squares / untaken[:, None]) / windows.samples[:, None]
-    return standard_errors(padded(values, missing), max(1.0, independent - 1.0))
-
-
-def window_model(
-    ensemble: Ensemble, windows: Windows, enough: NDArray[np.bool_], reason: str
-) -> ImpulseResponseModel:
-    """Return the model of windows, with bands where there is ``enough`` data, or a reference."""
-    missing, half = missing_edge(windows.lagged.lags, ensemble), windows.lagged.half
-    if windows.lagged.reference is not None:
-        errors = partial(two_stage_errors, windows, independent_realizations(ensemble), missing)
-    else:
-        # So many lagged angles share hardly anything with those of the next sample: the fit takes
-        # variance only.
-        taken = np.zeros(2 * half + 1)
-        taken[0] = np.mean(windows.rank / windows.independent)
-        covariance = autocovariance(residual(ensemble, windows.weights), 2 * half)
-        noise = noise_correlation(covariance, taken)
-        errors = partial(window_errors, windows, noise, missing, enough, reason)
-    rank = padded(windows.rank.astype(float), missing)
-    details = {"second_order_agreement": windows.agreement}
-    diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
-    return impulse_response_model(ensemble, windows.weights, windows.impedance, diagnostics, errors)
-
-
 def impulse_response_model(
-    ensemble: Ensemble, weights: Array, impedance: Array, diagnostics: Diagnostics, errors: Errors
+    ensemble: Ensemble,
+    weights: Array,
+    impedance: Array,
+    diagnostics: Diagnostics,
+    errors: Mapping[str, StandardError],
 ) -> ImpulseResponseModel:
     """Return the model of weights (time, lag) at the times whose lags lie within the context.
 

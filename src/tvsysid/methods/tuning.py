@@ -1,10 +1,10 @@
-"""Evidence for settings that are chosen from data, and methods that choose their own."""
+"""Settings chosen from data: the evidence for them, and methods that choose their own."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
@@ -25,8 +25,8 @@ class Evidence:
 
     Parameters
     ----------
-    criterion, unit, better
-        What measures how good settings are, and whether ``"higher"`` or ``"lower"`` is better.
+    criterion
+        What measures how good settings are: a log evidence in nat.
     tried
         Settings by name; the first are those that the method had before.
     values
@@ -38,8 +38,6 @@ class Evidence:
     """
 
     criterion: str
-    unit: str
-    better: Literal["higher", "lower"]
     tried: tuple[Mapping[str, Any], ...]
     values: Array = attrs.field(converter=read_only)
     chosen: int
@@ -54,16 +52,14 @@ class Evidence:
 
     @property
     def gain(self) -> float:
-        """Return the gain over the first settings in the criterion; positive is better."""
-        difference = float(self.values[self.chosen] - self.values[0])
-        return difference if self.better == "higher" else 0.0 - difference
+        """Return the gain over the first settings in nat."""
+        return float(self.values[self.chosen] - self.values[0])
 
     def __str__(self) -> str:
         chosen, given = _as_text(self.settings), _as_text(self.tried[0])
         result = f"{chosen} as given: nothing else has a clearly better {self.criterion}"
         if self.chosen != 0:
-            better = f"{self.criterion} better by {self.gain:.3g} {self.unit}"
-            result = f"{chosen} instead of {given}: {better}"
+            result = f"{chosen} instead of {given}: {self.criterion} better by {self.gain:.3g} nat"
         return f"{result}; {len(self.values)} tried"
 
     def plot(self, title: str = "") -> Figure:
@@ -84,7 +80,7 @@ class Evidence:
                 "settings": list(map(_as_text, self.tried)),
                 "criterion": self.criterion,
                 "value": self.values,
-                "unit": self.unit,
+                "unit": "nat",
                 "chosen": np.arange(len(self.values)) == self.chosen,
             }
         )
@@ -111,27 +107,24 @@ class Tuned(Method):
     ----------
     method
         Method with the settings to begin with.
-    seed
-        Random seed of :meth:`tvsysid.methods.Method.tuned`.
 
     Examples
     --------
-    >>> from tvsysid.methods import ShortDataSegments
-    >>> Tuned(ShortDataSegments()).title
-    'Short data segments, tuned'
+    >>> from tvsysid.methods import KernelRegression
+    >>> Tuned(KernelRegression()).title
+    'Kernel-based regression, tuned'
     """
 
     method: Method
-    seed: int = 0
 
     @property
     def title(self) -> str:  # type: ignore[override]
         """Return the title of the method."""
         return f"{self.method.title}, tuned"
 
-    def tuned(self, ensemble: Ensemble, seed: int | None = None) -> Choice[Any]:
+    def tuned(self, ensemble: Ensemble) -> Choice[Any]:
         """Choose the settings."""
-        return self.method.tuned(ensemble, self.seed if seed is None else seed)
+        return self.method.tuned(ensemble)
 
     def fit(self, ensemble: Ensemble) -> Model:
         """Choose the settings, and identify by them; warnings are those of the method."""

@@ -1,6 +1,7 @@
 """`tvsysid identify`."""
 
 import re
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -158,3 +159,23 @@ def test_settings_from_the_data(identify, tmp_path, request):
     request.getfixturevalue("undrawn")
     assert identify(again.partition(": ")[2])[0] == 0
     np.testing.assert_array_equal(written().stiffness, tuned.stiffness)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("sketched", "only_identified", "joint")
+def test_a_folder_of_recordings_is_one_table_and_one_page(tvsysid, tmp_path):
+    folder = tmp_path / "people"
+    folder.mkdir()
+    for name in ("anna.mat", "bert.mat"):
+        shutil.copy("joint.mat", folder / name)
+    (folder / "notes.csv").write_text("age\n30\n")
+    tvsysid(f"inspect people/anna.mat {IDENTIFY} --save")
+    code, out, err = tvsysid("identify people --method sds")
+    assert code == 1
+    assert err == "error: notes.csv: no channel 'angle'; it holds age (1)\n"
+    assert [row[:2] for row in rows_of(out)[-3:-1]] == [["anna.mat", "sds"], ["bert.mat", "sds"]]
+    page = (tmp_path / "tvsysid-identify" / "report.html").read_text()
+    assert "Stiffness of 2 recordings" in page
+    assert 'href="anna.mat/report.html"' in page
+    assert page.count("<figure") == 2
+    assert written("tvsysid-identify/bert.mat").stiffness.mean() == pytest.approx(100, rel=0.1)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,6 +54,13 @@ IMPEDANCE = {  # names and formats, by heading
     "VAF": "VAF (%):.1f",
     "held\nout": "held out:.1f",
 }
+RECORDINGS = {
+    "recording": "recording",
+    "method": "method",
+    "stiffness\n(N·m/rad)": "stiffness (N·m/rad)",
+    "VAF\n(%)": "VAF (%)",
+    "faults": "faults of the data",
+}
 FURTHER = {
     "method": "method",
     "quantity": "quantity",
@@ -68,7 +76,7 @@ FURTHER = {
 def identify(
     file: Path,
     /,
-    *,
+    *files: Path,
     reading: ReadingOptions = Reading(),
     segmentation: SegmentationOptions = Segmentation(),
     scheduling: str | None = None,
@@ -91,7 +99,10 @@ def identify(
     Parameters
     ----------
     file
-        Recording: MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF.
+        Recording, or folder of some: MAT, CSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D,
+        EDF.
+    files
+        Further ones, with the same options. Each has a folder and a row of one page.
     scheduling
         Channel that the joint follows, for lpv and lpvkbi; needs no --period.
     align_channels
@@ -105,18 +116,66 @@ def identify(
     out
         Folder for the results.
     """
-    from tvsysid.comparison import compare, prepare_recording
-    from tvsysid.methods import centered_channels, expand, parse
-    from tvsysid.recordings import read_recording
-    from tvsysid.report import write_folder
+    from tvsysid.recordings import recordings_in
 
     if scheduling is not None:
         channels = {**reading.channels, "scheduling": scheduling}
         reading = attrs.evolve(reading, channels=channels)
         method = method or SCHEDULED_METHODS
-    method = method or []
+    one = partial(
+        _identify,
+        reading=reading,
+        segmentation=segmentation,
+        method=method or [],
+        align_channels=align_channels,
+        remove_mains=remove_mains,
+        tune=tune,
+        sheet=sheet,
+    )
+    recordings = recordings_in([file, *files])
+    return one(file, out) if recordings == [file] else _identify_all(one, recordings, out)
+
+
+def _identify_all(one: Callable[[Path, Path], int], recordings: Sequence[Path], out: Path) -> int:
+    """Identify each recording into a folder of its own, and write one page about all."""
+    from tvsysid.report import write_recordings
+
+    if len({each.name for each in recordings}) < max(len(recordings), 1):
+        raise InputError("expected recordings, each with a name of its own")
+    code, folders = 0, []
+    for each in recordings:
+        try:
+            code |= one(each, out / each.name)
+            folders.append(out / each.name)
+        except InputError as error:
+            code = 1
+            remark("error", str(error))
+    table = write_recordings(out / "report.html", folders, command_line())
+    show_table("recordings", table.to_dict("records"), RECORDINGS)
+    say_written(out, ["report.html"])
+    return code
+
+
+def _identify(
+    file: Path,
+    out: Path,
+    *,
+    reading: Reading,
+    segmentation: Segmentation,
+    method: list[str],
+    align_channels: bool,
+    remove_mains: bool,
+    tune: bool,
+    sheet: bool,
+) -> int:
+    """Identify one recording, write its folder, print the answer, and return the exit code."""
+    from tvsysid.comparison import compare, prepare_recording
+    from tvsysid.methods import centered_channels, expand, parse
+    from tvsysid.recordings import read_recording
+    from tvsysid.report import write_folder
+
     recording = read_recording(file, reading)
-    if scheduling is None and segmentation.period is None:
+    if segmentation.period is None and "scheduling" not in reading.channels:
         raise InputError(NO_PERIOD)
     out.mkdir(parents=True, exist_ok=True)
     rate = recording.sampling_rate

@@ -58,6 +58,7 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     """Take options that were not typed from FILE.toml beside the recording, and say so."""
     from cyclopts.config import Dict
 
+    from tvsysid.recordings import recordings_in
     from tvsysid.recordings.saved import saved_settings, settings_file
 
     options = {argument.name: argument for argument in arguments}
@@ -66,7 +67,7 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     ]
     if not typed or "--angle" not in options:
         return
-    file = Path(typed[0].value)
+    file, *_ = recordings_in([Path(typed[0].value)]) or [Path(typed[0].value)]
     if saved := saved_settings(file):
         saved["channels"] = [f"{own}={name}" for own, name in saved.get("channels", {}).items()]
         named = {option_name(name): value for name, value in saved.items()}

@@ -7,7 +7,7 @@ add a format, write one in a module of its own, and name it in ``READERS``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
@@ -56,6 +56,16 @@ def describe_file(path: str | Path) -> dict[str, Channel]:
     file = Path(path).absolute()
     with explained(str(path)):
         return _call(read_channels, file, _reader_of(file))
+
+
+def recordings_in(paths: Iterable[Path]) -> list[Path]:
+    """Return files, and in place of a folder the files in it that can be read."""
+    return [
+        file
+        for path in paths
+        for file in (sorted(path.iterdir()) if path.is_dir() else [path])
+        if file == path or file.name.lower().endswith(tuple(READERS))
+    ]
 
 
 def read_channels(file: Path, reader: str) -> dict[str, Channel]:

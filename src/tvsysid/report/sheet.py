@@ -1,4 +1,4 @@
-"""A sheet of A4 about one person: one visit, or several in the order of time."""
+"""A sheet of A4 about one person: one visit, or several; and a page about several recordings."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import attrs
 import numpy as np
 
 from tvsysid import __version__
@@ -18,6 +19,9 @@ from tvsysid.figures.visits import Visit, stiffness_of_visits
 from tvsysid.quality import Diagnosis
 from tvsysid.recommendation.answer import sentence
 from tvsysid.report.page import in_text, render
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_VISITS = 6  # on one page
 
@@ -101,6 +105,43 @@ def write_sheet(path: str | Path, folders: Sequence[str | Path]) -> None:
         picture=draw_all(figure)["sheet"] if is_valid else None,
         values=pd.DataFrame(rows),
     )
+
+
+def write_recordings(
+    path: str | Path, folders: Sequence[str | Path], command: str = ""
+) -> pd.DataFrame:
+    """Write one page about several recordings, and return its table, a row for each.
+
+    Parameters
+    ----------
+    path
+        Of the file, which appears whole or not at all.
+    folders
+        Of ``tvsysid identify``, one for each recording, beside the file.
+    command
+        What was typed.
+
+    Raises
+    ------
+    InputError
+        For a folder that identify did not write.
+    """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    known = [_read(Path(folder)) for folder in folders]
+    figures = {
+        visit.label: Illustration(partial(stiffness_of_visits, [visit]), "Stiffness over time")
+        for visit, _ in known
+        if np.isfinite(visit.stiffness).any()
+    }
+    pictures = {
+        label: attrs.evolve(each, width=each.width // 2, height=each.height // 2)
+        for label, each in draw_all(figures).items()
+    }
+    rows = [{"recording": visit.label, **json.loads(about["sheet"])} for visit, about in known]
+    values = pd.DataFrame(rows)
+    render(path, "recordings.html", known=known, pictures=pictures, values=values, command=command)
+    return values
 
 
 def _read(folder: Path) -> tuple[Visit, dict[str, Any]]:

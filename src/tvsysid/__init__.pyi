@@ -41,7 +41,6 @@ from .numerics.bases import CubicBSplines as CubicBSplines
 from .numerics.bases import FourierSeries as FourierSeries
 from .numerics.bases import GaussianBumps as GaussianBumps
 from .numerics.bases import HaarWavelets as HaarWavelets
-from .numerics.bases import LegendrePolynomials as LegendrePolynomials
 from .planning import Plan as Plan
 from .planning import plan as plan
 from .quality import diagnose as diagnose

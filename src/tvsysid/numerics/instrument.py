@@ -55,7 +55,11 @@ def predicted(
     early, late = lag_samples(rate)
     period = core.stop - core.start
     functions = FourierSeries(HARMONICS)((np.arange(angle.shape[1]) - core.start) / period)
-    deviation = _prior_deviation(early, late, rate)
+    lags = np.maximum(np.arange(-early, late + 1), 0) / rate
+    harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
+    # Relative prior standard deviations of the coefficients, (lag x function,)
+    variances = np.outer(np.exp(-lags / FADES) + MIN_VARIANCE, 1 / (1 + harmonics**2))
+    deviation = np.sqrt(variances).ravel()
     parts = []
     for group in np.unique(groups):
         own = groups == group
@@ -75,12 +79,3 @@ def predicted(
         weights = functions @ coefficients.reshape(early + late + 1, -1).T
         out[own] = convolve_lags(reference[own], weights)
     return out
-
-
-def _prior_deviation(early: int, late: int, rate: float) -> Array:
-    """Return relative prior standard deviations of the coefficients, shape (lag x function,)."""
-    lags = np.maximum(np.arange(-early, late + 1), 0) / rate
-    harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
-    return np.asarray(
-        np.sqrt(np.outer(np.exp(-lags / FADES) + MIN_VARIANCE, 1 / (1 + harmonics**2))).ravel()
-    )

@@ -128,19 +128,13 @@ def expanded(moments: Array, functions: Array) -> Array:
 def sliding_sum(x: Array, before: int, after: int) -> Array:
     """Return the sum of x over a sliding window along its first axis.
 
-    It is ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i, computed by doubling.
-    The cost grows with the logarithm of the window, and nothing is subtracted (which would lose
-    digits).
+    It is ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i. Nothing is subtracted,
+    which would lose digits.
     """
-    length = before + after + 1
-    power = np.zeros((len(x) + length - 1, *x.shape[1:]))
-    power[before : before + len(x)] = x
-    total, offset, span = np.zeros(x.shape), 0, 1
-    while span <= length:  # power[i] is the sum of `span` samples from i on
-        if length & span:
-            total += power[offset : offset + len(x)]
-            offset += span
-        power, span = power[:-span] + power[span:], 2 * span
+    padded = np.pad(x, [(before, after)] + [(0, 0)] * (x.ndim - 1))
+    total = np.zeros(x.shape)
+    for shift in range(before + after + 1):
+        total += padded[shift : shift + len(x)]
     return total
 
 

@@ -59,7 +59,7 @@ def truncated(
         )
         vectors = np.take_along_axis(vectors, ranking[:, None], axis=2)
     counts = np.arange(1, explained.shape[1] + 1)
-    length = np.broadcast_to(np.asarray(samples, dtype=float), y_variance.shape)[:, None]
+    length = np.reshape(samples, (-1, 1))
     cost = (1 + counts * np.log(length) / length) * (
         y_variance[:, None] - np.cumsum(explained, axis=1)
     )

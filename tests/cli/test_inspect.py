@@ -34,10 +34,14 @@ def test_saved_settings_are_found_and_options_override_them(tvsysid, tmp_path):
     assert first == "settings of joint.mat.toml; options override them"
     assert "18 realizations of 1 s at 100 Hz" in second
     assert "torque RMS 1.07 N·m" in second
-    (tmp_path / "joint.mat.toml").write_text("period = -1")
-    code, _, err = tvsysid("identify joint.mat")
-    assert code == 2
-    assert "joint.mat.toml: Segmentation: period must be a positive number" in err
+    for text, message in {
+        "perod = 2": 'Unknown option: "[perod]" from joint.mat.toml. Did you mean --period?',
+        "perod": "joint.mat.toml: Expected '=' after a key",
+        'channels = ["emg"]': "--channel emg: expected NAME=CHANNEL",
+    }.items():
+        (tmp_path / "joint.mat.toml").write_text(text)
+        code, _, err = tvsysid("identify joint.mat")
+        assert (code, message in err) == (2, True)
 
 
 @pytest.mark.slow

@@ -30,33 +30,6 @@ def test_trials_are_cut_each_for_itself():
     assert [len(run) for run in ensemble.runs] == [3, 4]
 
 
-@pytest.mark.parametrize(
-    ("actuator", "noise", "channels"),
-    [(1e5, 40, ()), (1e3, 40, ()), (100, 5, ()), (30, 5, ()), (100, 40, ("disturbance",))],
-)
-def test_a_multisine_that_repeats_with_the_behaviour_is_refused(actuator, noise, channels):
-    # The noise of the torque moves a stiff actuator by 0.1 %, a soft one by more.
-    loop = tv.simulate.CompliantActuator(actuator_stiffness=actuator, noise_bandwidth=noise)
-    lines = {
-        "beside": (1.2, 5.2, 9.2, 13.2, 17.2),
-        "on": (2.0, 7.0, 12.0, 17.0),
-        "some on": (2.3, 7.0, 12.3, 17.3),
-    }
-    cut = {}
-    for name, frequencies in lines.items():
-        recording = loop.simulate(
-            20, perturbation=tv.simulate.Multisine(frequencies), snr_db=10, seed=1
-        ).recording
-        cut[name] = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    assert tv.preprocess.subtract_mean(cut["beside"], channels).mean_subtracted
-    assert tv.preprocess.subtract_mean(cut["some on"], channels).mean_subtracted
-    with pytest.raises(
-        tv.InputError,
-        match=r"is the same in all 10 .*a multisine needs lines that are no multiples",
-    ):
-        tv.preprocess.subtract_mean(cut["on"], channels)
-
-
 def test_a_small_perturbation_beside_a_large_movement_is_legal():
     time = np.arange(2000) / 100
     angle = 0.5 * np.sin(np.pi * time) + 9e-4 * tv.simulate.PRBS().generate(

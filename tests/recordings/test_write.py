@@ -1,7 +1,4 @@
-from datetime import UTC, datetime
-
 import attrs
-import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -13,7 +10,6 @@ from tvsysid.recordings import (
     whole_file,
     write_ensemble,
     write_models,
-    write_nwb,
     write_recording,
     write_simulation,
 )
@@ -105,36 +101,3 @@ def test_a_written_recording_is_a_file_like_others(tmp_path, random):
     np.testing.assert_array_equal(found.channels["emg"], emg)
     with pytest.raises(tv.InputError, match="not written by write_ensemble"):
         load_ensemble(file)
-
-
-START = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)
-
-
-@pytest.mark.parametrize("start", [START, START.replace(tzinfo=None)])
-def test_a_recording_in_nwb_is_read_back(tmp_path, random, start):
-    angle, torque, emg = random.normal(scale=0.01, size=(3, 200))
-    recording = tv.Recording(angle, torque, 100.0, start=-1.0, channels={"emg": emg})
-    write_nwb(tmp_path / "ankle.nwb", recording, start, units={"emg": "V"})
-    described = tv.recordings.describe_file(tmp_path / "ankle.nwb")
-    for name, unit in {"angle": "rad", "torque": "N m", "emg": "V"}.items():
-        channel = described[f"acquisition/{name}"]
-        assert (channel.unit, channel.sampling_rate) == (unit, 100.0)
-        np.testing.assert_array_equal(channel.read(name), recording.signal(name))
-    with h5py.File(tmp_path / "ankle.nwb") as root:
-        began = datetime.fromisoformat(root["session_start_time"][()].decode())
-        assert began == start.astimezone()
-
-
-@pytest.mark.parametrize(
-    ("change", "name", "message"),
-    [
-        ({}, "ankle.h5", "unknown ending '.h5'; give one of .nwb"),
-        ({"trial_starts": (0, 100)}, "ankle.nwb", "NWB has one axis of time; write each trial to"),
-        ({"channels": {"a/b": np.ones(200)}}, "ankle.nwb", "a time series cannot be called 'a/b'"),
-    ],
-)
-def test_what_nwb_cannot_hold_is_refused(tmp_path, random, change, name, message):
-    recording = tv.Recording(*random.normal(size=(2, 200)), 100.0, **change)
-    with pytest.raises(tv.InputError, match=message):
-        write_nwb(tmp_path / name, recording, START)
-    assert not list(tmp_path.iterdir())

@@ -9,7 +9,7 @@ import attrs
 from cyclopts import App, ArgumentCollection, Parameter, default_name_transform
 
 from tvsysid.cli.console import say
-from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation
+from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation, named_channels
 
 NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration"}
 """Names of options that differ from the names of the settings."""
@@ -69,7 +69,8 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
         return
     file, *_ = recordings_in([Path(typed[0].value)]) or [Path(typed[0].value)]
     if saved := saved_settings(file):
-        saved["channels"] = [f"{own}={name}" for own, name in saved.get("channels", {}).items()]
+        channels = named_channels(saved.get("channels", ()))
+        saved["channels"] = [f"{own}={name}" for own, name in channels.items()]
         named = {option_name(name): value for name, value in saved.items()}
         Dict(named, source=str(settings_file(file)), use_commands_as_keys=False)(
             app, commands, arguments

@@ -1,6 +1,5 @@
 # What the package offers; read by type checkers, and by lazy_loader when a name is first used.
 from .channel import Channel as Channel
-from .export import write_nwb as write_nwb
 from .formats import describe_file as describe_file
 from .formats import recordings_in as recordings_in
 from .read import UsableTrials as UsableTrials

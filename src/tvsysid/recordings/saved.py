@@ -46,16 +46,12 @@ def saved_settings(file: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If they cannot be read, or are no valid settings.
+        If the file is no TOML.
     """
     path = settings_file(file)
-    if not path.is_file():
-        return {}
     try:
-        settings = tomllib.loads(path.read_text(encoding="utf-8"))
-        own = {name: settings[name] for name in attrs.fields_dict(Reading) if name in settings}
-        Reading(**own)
-        Segmentation(**{name: settings[name] for name in settings.keys() - own.keys()})
-    except (ValueError, TypeError) as error:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except ValueError as error:
         raise InputError(f"{path}: {error}; correct it, or delete it") from error
-    return settings

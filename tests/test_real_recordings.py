@@ -87,16 +87,6 @@ def test_walking_by_impulse_responses_explains_the_reported_share(walking):
     assert tv.metrics.vaf(measured, model.predict(walking)).mean() == pytest.approx(95, abs=1.5)
 
 
-@pytest.mark.parametrize("key", ["eirf", "birf"])
-def test_walking_by_the_other_methods_rises_and_falls_alike(walking, key):
-    smooth, stiffness = (
-        tv.methods.parse(each).identify(walking).stiffness for each in ("sds", key)
-    )
-    # 58 realizations leave single samples of eirf noisy; over 0.1 s it rises and falls too.
-    average = np.convolve(stiffness, np.full(11, 1 / 11), mode="valid")
-    assert np.corrcoef(average, smooth[5:-5])[0, 1] > 0.75
-
-
 def test_a_reversed_torque_is_found(recordings_folder):
     diagnosis = tv.diagnose(tonic(recordings_folder, "dorsiflexor", torque_sign=1))
     assert "reversed-torque" in [each.name for each in diagnosis.findings]
@@ -181,20 +171,6 @@ def test_toolbox_objects_are_read(recordings_folder, moving):
     assert [posture.min(), posture.max()] == pytest.approx([-0.4, 0.2], abs=0.06)
 
 
-def test_stiffness_rises_with_the_ankle_angle(moving):
-    # Not periodic: second-long pieces are sorted by posture, each half taken as constant.
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(moving, 100), 1.0)
-    mean = ensemble.channels["scheduling"].mean(axis=1)
-    low, high = (
-        tv.ShortDataSegments(window=0.9)
-        .identify(tv.preprocess.subtract_mean(ensemble.select(chosen)))
-        .stiffness
-        for chosen in (mean < np.quantile(mean, 0.4), mean > np.quantile(mean, 0.6))
-    )
-    assert 15 < np.nanmean(low) < np.nanmean(high) < 90
-    assert np.nanmean(high) / np.nanmean(low) > 1.3
-
-
 ANGLES = np.array([-0.40, -0.30, -0.20, -0.10, 0.0, 0.10, 0.20])
 # Stiffness with two standard deviations, by independent fits, and the least held-out VAF.
 FOLLOWS = {
@@ -228,45 +204,3 @@ def test_a_torque_at_rest_that_follows_the_ankle_is_nearer_to_parts_of_the_recor
     assert model.diagnostics.details["vaf_folds"] > 92.7
     gain = model.at([-0.3, -0.2, 0.2])["reflex_gain"].values
     np.testing.assert_allclose(gain, [0.0, 0.0, 13.4], atol=1.0)
-
-
-@pytest.fixture(scope="module")
-def walker(recordings_folder):
-    """Experiment on 40 of the walking record's cycles: eirf with short lags, for these are few."""
-    short = {"name": "eirf", "method": "eirf:max_lag=0.04"}
-    file = recordings_folder / "walking_ankle_small_reflex.mat"
-    experiment = tv.study.Experiment(
-        participants={"walker": {"walking": str(file)}},
-        reading={
-            "angle": "POSITION_SIGNAL",
-            "torque": "TORQUE_SIGNAL",
-            "sampling_rate": 1000,
-            "torque_sign": -1,
-        },
-        preparation={
-            **{"reference": None, "task_limit": None, "residual_limit": None},
-            **{"rate": 100, "ends": 0, "period": 1.5},
-        },
-        methods=[short, "sds", "birf", "esm", {"name": "kbr", "method": "kbr"}],
-        realizations=40,
-        bootstraps=40,
-    )
-    return tv.study.run(experiment, workers=1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("key", ["eirf", "sds", "birf", "esm", "kbr"])
-def test_walking_stiffness_of_40_cycles_is_traced_within_its_error_bars(walker, key):
-    stiffness = walker.estimate.sel(quantity="stiffness").sel(
-        recording="walker-walking", analysis=f"{key}-40"
-    )
-    assert stiffness.shape == (40, 150)
-    mean, spread = stiffness.mean("bootstrap"), stiffness.std("bootstrap", ddof=1)
-    # What independent fits found: low at the start, a peak at 0.7 s, and a trough after it.
-    bar = 2 * spread + {"birf": 12, "eirf": 12}.get(key, 4)  # ten splines are too few for the peak
-    for time, low, high in ((0.0, 18, 18), (0.70, 75, 85), (0.92, 10, 15), (1.49, 25, 25)):
-        at = {"time": time, "method": "nearest"}
-        margin = float(bar.sel(**at))
-        assert low - margin < float(mean.sel(**at)) < high + margin
-    # Error bars are of use: but for eirf they are a small part of the stiffness.
-    assert float(spread.mean()) < (0.5 if key == "eirf" else 0.12) * float(mean.mean())

@@ -17,8 +17,7 @@ def driven(drive, angle_noise=0.0):
     """80 s of the joint, moved by a torque."""
     random = np.random.default_rng(1)
     torque = drive(80_000, random)
-    still = np.ones(len(torque))
-    angle = ringing(torque, STIFFNESS * still, VISCOSITY * still, INERTIA)
+    angle = ringing(torque, STIFFNESS, VISCOSITY, INERTIA)
     scale = 0.0087 / angle.std()
     angle = scale * angle + angle_noise * random.standard_normal(len(angle))
     return ensemble_of(angle, with_noise(scale * torque, 20.0, random))
@@ -27,7 +26,7 @@ def driven(drive, angle_noise=0.0):
 @pytest.fixture(scope="module")
 def struck():
     """An impulse a second, and a noise of the angle of 0.1 mrad."""
-    return driven(lambda samples, random: impulses(samples, 1.0, 0.02, random, 0.3), 1e-4)
+    return driven(lambda samples, random: impulses(samples, random, 0.3), 1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,6 @@ def test_ringing_does_not_mislead_a_method_of_a_constant_joint(struck):
 
 def test_the_diagnosis_says_that_the_joint_rings(struck, shaken):
     assert any("like a free oscillation" in text for text in tv.diagnose(struck).remarks)
-    assert any("like a free oscillation" in text for text in tv.recommend(struck).caveats)
     assert not tv.diagnose(shaken).remarks
 
 

@@ -1,17 +1,16 @@
 """Joints that follow a measured variable: what is found, and by what route."""
 
-import pickle
 import warnings
 
 import attrs
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from scipy.signal import lfilter
 from tests.independent import following
 
 import tvsysid as tv
-from tvsysid.numerics.stretch import recorded_velocity
+from tvsysid.methods.scheduled.model import Orders, Part
+from tvsysid.methods.scheduled.regression import Regression
 
 STIFFNESS, VISCOSITY, GAIN = (
     Polynomial([28.9, 155.0, 310.0]),
@@ -83,54 +82,25 @@ def test_muscles_that_answer_the_other_direction_are_found():
     assert model.diagnostics.details["direction"] == -1
 
 
-def plain_columns(ensemble):
-    """Columns (time, column) of order 1 with 2 lags and 3 filters, delayed by 5 samples."""
-    variable, angle = ensemble.channels["scheduling"][0], ensemble.angle[0]
-    low, high = variable[ensemble.core].min(), variable[ensemble.core].max()
-    line = np.clip((2 * variable - low - high) / (high - low), -1, 1)
-    stretch = tv.numerics.stretch.stretch(recorded_velocity(ensemble.recorded_angle, 100.0), 10)[0]
+def test_the_regression_is_least_squares_also_of_folds(random):
+    parts = {"intrinsic": Part(random.normal(size=(3, 2, 1, 400)), {})}
+    columns = parts["intrinsic"].regressors.reshape(6, 400)
+    torque = random.normal(size=6) @ columns + random.normal(size=400)
+    fit = Regression.of(parts, tv.Ensemble(columns[:1], torque[None], 100.0))
 
-    def late(values, samples):
-        whole = np.pad(values, 65, constant_values=np.nan)
-        return whole[65 + ensemble.context - samples :][: ensemble.samples]
+    def left_by(others, fold):
+        solution = np.linalg.lstsq(columns[:, others].T, torque[others], rcond=None)[0]
+        return torque[fold] - solution @ columns[:, fold], solution
 
-    moved = angle - angle[ensemble.core].mean()
-    columns = [np.ones(ensemble.samples)]
-    columns += [late(p, 0) * late(moved, lag) for lag in range(-2, 3) for p in (line**0, line)]
-    pole, response = np.exp(-1 / 3), np.eye(1, 60)[0]
-    response = lfilter([np.sqrt(1 - pole**2)], [1, -pole], response)
-    for _ in range(3):
-        for p in (line**0, line):
-            past = [late(p * stretch, 5 + lag) for lag in range(60)]
-            columns.append(response @ past)
-        response = lfilter([-pole, 1], [1, -pole], response)
-    return np.transpose(columns)
-
-
-def least_squares(x, y):
-    """Columns at unit standard deviation, the first of ones, with a slight ridge."""
-    scaled = x / np.append(1.0, x[:, 1:].std(axis=0))
-    solution = np.linalg.solve(scaled.T @ scaled + 1e-6 * len(x) * np.eye(x.shape[1]), scaled.T @ y)
-    return solution / np.append(1.0, x[:, 1:].std(axis=0))
-
-
-def test_folds_and_predictions_are_those_of_a_plain_version(noisy):
-    method = tv.ScheduledIRF(order=1, reflex_order=1, filters=3, memory=0.6, max_lag=0.02)
-    model = method.identify(noisy)
-    columns, torque = plain_columns(noisy), noisy.torque[0, noisy.core]
-    known = np.isfinite(columns).all(axis=1)
-    x, y = columns[known], torque[known]
-    plain, predicted = least_squares(x, y), model.predict(noisy)[0]
-    assert not np.isfinite(predicted[~known]).any()
-    np.testing.assert_allclose(predicted[known], x @ plain, atol=1e-9)
-    held_out = []
-    for fold in np.split(np.arange(len(y)), np.arange(1, 5) * len(y) // 5):
-        others = np.setdiff1d(np.arange(len(y)), fold)
-        left = y[fold] - x[fold] @ least_squares(x[others], y[others])
-        held_out.append(100 * (1 - left.var() / y[fold].var()))
-    vaf = 100 * (1 - (y - x @ plain).var() / y.var())
-    details = model.diagnostics.details
-    assert (details["vaf"], details["vaf_folds"]) == pytest.approx((vaf, np.mean(held_out)))
+    every = np.arange(400)
+    left, solution = left_by(every, every)
+    np.testing.assert_allclose(fit.coefficients / fit.scale, solution, rtol=1e-5)
+    vaf = [
+        100 * (1 - left_by(np.setdiff1d(every, fold), fold)[0].var() / torque[fold].var())
+        for fold in np.split(every, 5)
+    ]
+    np.testing.assert_allclose(fit.held_out([Orders(0, 1, 0)])[0], vaf, rtol=1e-5)
+    assert fit.vaf(fit.coefficients) == pytest.approx(100 * (1 - left.var() / torque.var()))
 
 
 def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out(noisy, found):
@@ -242,15 +212,6 @@ def test_a_stiffness_that_no_parabola_follows_is_followed_or_told(key, width, al
 
 def sigmoid(variable, width):
     return 30 + 60 / (1 + np.exp(-(variable - 0.5) / width))
-
-
-def test_models_travel_and_are_told_whole(noisy, found):
-    travelled = pickle.loads(pickle.dumps(found))
-    np.testing.assert_array_equal(travelled.predict(noisy), found.predict(noisy))
-    dataset = found.to_xarray(noisy)
-    assert dataset.scheduled_stiffness.dims == ("scheduling",)
-    assert dataset.scheduled_reflex_gain_standard_error.attrs["units"] == "N m s/rad"
-    assert {"torque_intrinsic", "torque_reflex"} <= set(dataset)
 
 
 def test_what_does_not_apply_is_skipped_with_the_reason(noisy):

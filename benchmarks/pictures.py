@@ -33,7 +33,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 def studied(**settings: Any) -> tuple[xr.Dataset, pd.DataFrame]:
     results = tv.study.run(tv.study.Study(**settings))
-    return results, tv.study.by_full_name(tv.study.summarize(tv.study.score(results)))
+    return results, tv.study.summarize(tv.study.score(results))
 
 
 def comparison() -> Figure:

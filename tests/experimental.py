@@ -106,7 +106,6 @@ def results_of(
             "excluded_task": ("recording", np.full(sizes[0], counts[1])),
             "excluded_residual": ("recording", np.full(sizes[0], counts[2])),
             "trials": ("recording", np.full(sizes[0], 10)),
-            "trials_left_out": ("recording", np.zeros(sizes[0], dtype=int)),
             "remarks": ("recording", np.full(sizes[0], "", dtype=object)),
         },
         coords={

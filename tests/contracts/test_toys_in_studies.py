@@ -96,5 +96,4 @@ def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_p
     assert np.isnan(cascade.pathway_vaf.sel(pathway="reflex")).all()
     assert np.isnan(sds.pathway_vaf).all()
     table = tv.study.summarize(results)
-    gain = table[(table.method == "Cascade") & (table.quantity == "reflex_gain")]
-    assert {"mean_reflex_gain", "random_error", "bias_error", "mean_bias"} <= set(gain.metric)
+    assert "reflex_gain random_error" in set(table[table.method == "Cascade"].metric)

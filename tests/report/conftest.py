@@ -73,7 +73,6 @@ def experiment():
     made.results["remarks"].loc[{"recording": "P2-noise"}] = (
         "trial_3.mat left out: <no torque>\nangle is clipped"
     )
-    made.results["trials_left_out"].loc[{"recording": "P2-noise"}] = 1
     made.summary = experimental_summary(made.results)
     made.exclusions = made.exclusions[made.exclusions.recording != "P3-prbs"]
     return made

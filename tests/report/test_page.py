@@ -13,7 +13,6 @@ from tvsysid.report import write_report
 from tvsysid.report.page import in_text
 from tvsysid.report.studies import best_methods
 from tvsysid.report.study import main_scenario, toml_of
-from tvsysid.study.settings import in_words
 
 
 @pytest.fixture(scope="session")
@@ -135,7 +134,3 @@ def test_what_is_the_same_in_all_scenarios_is_said_once(tmp_path):
 
 def test_numbers_and_settings_as_text():
     assert [in_text(9.8765, 0.1234, 2), in_text(1234.5)] == ["9.88 ±\xa00.12", "1230"]
-    assert (in_words([1.0, "eirf", None]), in_words({"alignment": 2})) == (
-        "1, eirf, none",
-        "alignment 2",
-    )

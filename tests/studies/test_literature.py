@@ -20,7 +20,7 @@ from tvsysid.studies.closed_loop import (
     UNWEIGHTED,
 )
 from tvsysid.studies.reflex import CONSTANT, GAIN, LOUD, SINE
-from tvsysid.study import Study, by_full_name, run, score, summarize
+from tvsysid.study import Study, run, score, summarize
 
 LOOPS = [
     closed_loop.scenario(actuator, noise) for noise in SNR for actuator in (*ACTUATORS, IMPOSED)
@@ -122,7 +122,7 @@ def run_preset(name, **settings):
     preset = studies.PRESETS[name]
     given = {name: preset[name] for name in ("stiffness", "perturbation", "subtract_mean")}
     results = run(Study(**given, **settings), workers=1)
-    summary = by_full_name(summarize(score(results)))
+    summary = summarize(score(results))
     return results, summary, studies.published(results).figures(results, summary)
 
 

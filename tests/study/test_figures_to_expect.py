@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import bessel, cont2discrete, lfilter, ss2tf
 
 from tvsysid.methods import PAPER_METHODS
-from tvsysid.study import Study, of_quantity, run, score, summarize
+from tvsysid.study import Study, run, score, summarize
 
 pytestmark = pytest.mark.slow
 
@@ -32,9 +32,7 @@ INDEPENDENT = {
 
 
 def study_figures(trials):
-    table = of_quantity(
-        summarize(score(run(Study(methods=PAPER_METHODS, trials=trials), workers=1)))
-    )
+    table = summarize(score(run(Study(methods=PAPER_METHODS, trials=trials), workers=1)))
     return table.set_index(["perturbation", "method", "metric"]).sort_index().value
 
 

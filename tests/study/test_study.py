@@ -78,10 +78,6 @@ def test_a_study_from_toml(tmp_path):
             "duration_s must be a positive number, got '150 s'",
         ),
         (
-            "duration_s = 0.04",
-            "duration_s: expected whole realizations of 2 s, two at least; got ",
-        ),
-        (
             "[[also]]\ntrials = 5",
             r"also: scenario .*trials: unknown key.*known: stiffness, .* system, methods\)",
         ),
@@ -125,13 +121,11 @@ def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
         ({"perturbation": ["white"]}, "unknown perturbation 'white'; expected one of noise, prbs"),
         ({"methods": ["arx"]}, "unknown method 'arx'"),
         ({"methods": [3]}, "or a tvsysid.Method"),
-        ({"methods": []}, "methods: .*at least 1"),
+        ({"methods": []}, "methods: give at least 1 of each"),
         ({"viscosity": ["high"]}, "viscosity must be one of constant, covarying, got 'high'"),
         ({"trials": 0}, "trials must be a whole number of 1 or more, got 0"),
         ({"seed": -1}, "seed must be a whole number of 0 or more, got -1"),
-        ({"duration_s": [3.0]}, "whole realizations of 2 s"),
         ({"duration_s": [float("nan")]}, "duration_s must be a positive number, got nan"),
-        ({"period": 0.123}, "period: expected whole samples"),
         ({"snr_db": [float("nan")]}, "snr_db must be a number of decibels"),
     ],
 )

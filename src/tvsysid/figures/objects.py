@@ -83,7 +83,7 @@ def plot(shown: Any, title: str = "") -> Figure:  # noqa: PLR0911  # one for eac
 
 
 def _plot_recording(recording: Recording, title: str) -> Figure:
-    part = excerpt(recording, "target" if "target" in recording.channels else None)
+    part = excerpt(recording)
     return recorded_signals({f"{part.duration:g} s of {recording.duration:g} s": part}, title)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,6 @@ from tvsysid.methods import METHODS
 from tvsysid.report.page import in_text
 from tvsysid.study.dataset import axes_of
 from tvsysid.study.measure import SKIPPED
-from tvsysid.study.settings import in_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,11 +124,13 @@ def common(
     failed = int((results.failure != "").sum())
     tried = int(((results.failure == results.failure) & asked).sum())
     rows: dict[str, object] = {
-        **{name.replace("_", " "): in_words(value) for name, value in settings.items()},
+        **{
+            name.replace("_", " "): re.sub(r'["{}\[\]]', "", json.dumps(value, ensure_ascii=False))
+            for name, value in settings.items()
+        },
         "time of identification": f"{round(float(results.seconds.sum())):,} s on one core",
         "failed identifications": f"{failed} of {tried}",
         **{f"version of {name}": each for name, each in settings_of(results, "versions").items()},
-        "machine": results.attrs.get("machine", "unknown"),
     }
     claims = claims.assign(claim=claims.claim + " (" + claims.source + ")")[CLAIM]
     labels = dict.fromkeys(map(str, results.method_key.values))

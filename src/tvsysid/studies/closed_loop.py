@@ -167,8 +167,7 @@ def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illust
     Parameters
     ----------
     results, summary
-        As of :func:`tvsysid.study.run`, and of these results, with full names
-        (:func:`tvsysid.study.by_full_name`).
+        As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
     """
     traits = scenario_traits(results)
     loops = [loop for each in traits.system if (loop := loop_of(each))]

@@ -14,7 +14,7 @@ from tvsysid.quality import Diagnosis
 from tvsysid.recordings.write import write_table
 from tvsysid.report import write_report
 from tvsysid.studies.claims import Claim, Evidence, judge_claims, simulation_evidence
-from tvsysid.study import by_full_name, score, summarize
+from tvsysid.study import score, summarize
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +34,7 @@ class PublishedStudy:
     about
         Text above the claims.
     figures
-        Return the figures from results and their summary with full names.
+        Return the figures from results and their summary.
     applies
         Return whether the claims are about the systems of a study, from its results.
     evidence
@@ -57,10 +57,7 @@ class Written(NamedTuple):
     """Tables that were written to a folder, and names of the files."""
 
     summary: pd.DataFrame
-    """A row for each metric, as of :func:`tvsysid.study.summarize`.
-
-    Of an experiment, those of the stiffness alone.
-    """
+    """A row for each metric, as of :func:`tvsysid.study.summarize`."""
     claims: pd.DataFrame
     """A row for each claim, with its verdict."""
     files: tuple[str, ...]
@@ -87,11 +84,10 @@ def write_study(
     summary, claims = summarize(scores), published.judge(scores)
     tables = {"summary.csv": summary, "claims.csv": claims}
     write_tables(folder, tables)
-    named = by_full_name(summary)
-    pictures = draw_all(published.figures(results, named), folder / "figures")
+    pictures = draw_all(published.figures(results, summary), folder / "figures")
     page, about = folder / "report.html", published.about
-    write_report(page, results, named, claims, pictures, command, about)
-    return Written(named, claims, ("report.html", *tables, f"figures/ ({len(pictures)})"))
+    write_report(page, results, summary, claims, pictures, command, about)
+    return Written(summary, claims, ("report.html", *tables, f"figures/ ({len(pictures)})"))
 
 
 def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:

@@ -157,8 +157,7 @@ def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illu
     Parameters
     ----------
     results, summary
-        As of :func:`tvsysid.study.run`, and of these results, with full names
-        (:func:`tvsysid.study.by_full_name`).
+        As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
     """
     gain = results.truth.sel(quantity="reflex_gain").mean("time").to_series()
     traits = scenario_traits(results).assign(gain=gain, methods=results.asked.values.sum(axis=1))

@@ -7,9 +7,7 @@ from tvsysid.study.run import plan, run
 from tvsysid.study.scenarios import Study
 from tvsysid.study.scores import score
 from tvsysid.study.summary import (
-    by_full_name,
     exclusions,
-    of_quantity,
     stiffness_over_time,
     summarize,
 )
@@ -22,10 +20,8 @@ __all__ = [
     "Prepared",
     "Recorded",
     "Study",
-    "by_full_name",
     "cores",
     "exclusions",
-    "of_quantity",
     "plan",
     "prepared_recordings",
     "read_results",

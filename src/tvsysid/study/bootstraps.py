@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tvsysid.errors import InputError, one_line
 from tvsysid.preprocess import bootstrap_weights
 from tvsysid.signals import Array, Ensemble
-from tvsysid.study.dataset import EXPERIMENT, dataset_of
+from tvsysid.study.dataset import EXPERIMENT, dataset_of, labelled
 from tvsysid.study.experiment import Analysis, Experiment
 from tvsysid.study.measure import Scores, Truth, stack
 from tvsysid.study.prepared import Prepared
@@ -82,18 +82,14 @@ def results_of(
     period, rate = experiment.preparation["period"], experiment.preparation["rate"]
     about = {"title": EXPERIMENT, "experiment": experiment.to_json()}
     results = dataset_of(measured, coordinates, period, rate, **about)
-    for name, values in stack([_preparation_of(item) for item in prepared]).items():
-        results[name] = ("recording", "time")[: values.ndim], values
+    facts = labelled(stack([_preparation_of(item) for item in prepared]), ["recording"])
+    results = results.merge(facts, join="left")
     reasons = xr.DataArray([one_line(item.failure) for item in prepared], dims="recording")
     results["failure"] = results.failure.where(results.survivors > 0, reasons)
-    nothing = {"stiffness": np.full_like(results.time, np.nan)}
-    truth = stack([nothing | dict(item.truth) for item in prepared])
-    known = {name: (("recording", "time"), values) for name, values in truth.items()}
-    results["truth"] = xr.Dataset(known).to_array("quantity").transpose("recording", ...)
     return results.transpose("recording", "analysis", ...)
 
 
-def _preparation_of(prepared: Prepared) -> dict[str, Any]:
+def _preparation_of(prepared: Prepared) -> Scores:
     """Return what became of a recording, by the names of variables."""
     preparation, ensemble = prepared.preparation, prepared.ensemble
     excluded_by = [] if preparation is None else preparation.table.excluded_by.tolist()
@@ -101,11 +97,12 @@ def _preparation_of(prepared: Prepared) -> dict[str, Any]:
         "recorded": len(excluded_by),
         "survivors": 0 if ensemble is None else len(ensemble),
         **{f"excluded_{name}": excluded_by.count(step) for name, step in STEPS.items()},
-        "trials": prepared.trials,
-        "trials_left_out": len(prepared.refused),
+        "trials": 0 if preparation is None else len(np.unique(preparation.recorded.trials)),
         "remarks": "\n".join(prepared.remarks),
         "digest": prepared.digest,
         "target_torque": prepared.target_torque,
         "mean_torque": prepared.mean_torque,
+        "truth quantity stiffness": np.full_like(prepared.mean_torque, np.nan),
+        **{f"truth quantity {name}": values for name, values in prepared.truth.items()},
     }
     return {name: np.array(value) for name, value in counts.items()}

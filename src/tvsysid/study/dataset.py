@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,10 +49,8 @@ def dataset_of(
     period, rate
         Duration of a realization in s, and sampling rate in Hz.
     attributes
-        Title and settings, to which versions of the software and the machine are added.
+        Title and settings, to which versions of the software are added.
     """
-    import xarray as xr  # noqa: PLC0415  # heavy
-
     cells = {
         (task.case, draw, method): {name: values[row, column] for name, values in scores.items()}
         for task, scores in measured
@@ -63,20 +59,34 @@ def dataset_of(
     }
     axes = [*coordinates][:3]
     cases, draws, methods = (coordinates[axis][1] for axis in axes)
-    whole = stack(
-        [
-            stack(
-                [
-                    stack([cells.get((case, draw, method), {}) for method in methods])
-                    for draw in draws
-                ]
-            )
-            for case in cases
-        ]
-    )
-    places: dict[str, dict[str, Scores]] = {"quantity": {name: {} for name in IMPEDANCE}}
+    rows = [
+        [stack([cells.get((case, draw, method), {}) for method in methods]) for draw in draws]
+        for case in cases
+    ]
+    results = labelled(stack([stack(row) for row in rows]), axes)
+    if "unit" not in results:
+        reasons = [*results.failure.values.flat, *results.warnings.values.flat]
+        raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
+    texts = results.unit.transpose("quantity", ...).values.reshape(results.sizes["quantity"], -1)
+    units = zip(results["quantity"].values.tolist(), texts, strict=True)
+    further = {
+        "time": ("time", np.arange(round(period * rate)) / rate, {"units": "s"}),
+        "unit": ("quantity", [max(own) or UNITS.get(name, "") for name, own in units]),
+    }
+    results = results.drop_vars("unit").assign_coords({**coordinates, **further})
+    return results.assign_attrs(attributes, versions=json.dumps(versions()))
+
+
+def labelled(scores: Scores, axes: Sequence[str]) -> xr.Dataset:
+    """Return scores over these axes as a dataset, in which each quantity and pathway has a place.
+
+    What comes after the axes is time.
+    """
+    import xarray as xr  # noqa: PLC0415  # heavy
+
     variables = {}
-    for name, values in whole.items():
+    places: dict[str, dict[str, Scores]] = {"quantity": {name: {} for name in IMPEDANCE}}
+    for name, values in scores.items():
         variable, *place = name.split(" ", 2)
         if place:
             axis, label = place
@@ -86,22 +96,8 @@ def dataset_of(
     for axis, parts in places.items():
         for variable, values in stack([*parts.values()]).items():
             variables[variable] = [axis, *axes, "time"][: values.ndim], values
-    if "unit" not in variables:
-        reasons = [*whole["failure"].flat, *whole["warnings"].flat]
-        raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
-    _, texts = variables.pop("unit")
-    units = zip(places["quantity"], texts.reshape(len(texts), -1), strict=True)
-    further = {
-        **{axis: [*labels] for axis, labels in places.items()},
-        "time": ("time", np.arange(round(period * rate)) / rate, {"units": "s"}),
-        "unit": ("quantity", [max(own) or UNITS.get(name, "") for name, own in units]),
-    }
-    results = xr.Dataset(variables, {**coordinates, **further}).assign_attrs(
-        attributes,
-        versions=json.dumps(versions()),
-        machine=f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
-    )
-    return results.transpose(*axes, *places, "time")
+    labels = {axis: [*parts] for axis, parts in places.items()}
+    return xr.Dataset(variables, labels).transpose(*axes, *places, "time", missing_dims="ignore")
 
 
 def write_results(results: xr.Dataset, folder: Path) -> None:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import inspect
-import json
 import re
 from collections.abc import Mapping
 from functools import cached_property
-from itertools import chain
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import attrs
@@ -32,9 +29,7 @@ VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants of an experiment without fi
 PERTURBATIONS = ("noise", "prbs")  # their perturbations
 MAX_LAG_S, SHORT_WINDOW_S, LONG_WINDOW_S = 15 / 128, 12 / 128, 30 / 128
 """Longest lag and windows of sds and esm in the paper: 15, 12 and 30 samples."""
-MAX_NAME_LENGTH = 80  # characters of a participant or perturbation; files are called by it
-# A spreadsheet takes what begins with = + - @ for a formula.
-NAME = rf"[^/\\:.=+@-][^/\\:]{{0,{MAX_NAME_LENGTH - 1}}}"
+NAME = r"\w[^/\\:\0]{0,79}"  # of a participant or perturbation, by which files are called
 BLOCK_REALIZATIONS, REALIZATIONS = (20, 40), (75, 150)  # in one block, and otherwise
 
 PAPER = {
@@ -67,37 +62,18 @@ def _to_reading(value: Any) -> Reading | None:
     return reading
 
 
-def _to_table(value: Any) -> dict[str, Any]:
-    """Return a method in any notation as a table with its name and what it stands for."""
-    table = dict(value) if isinstance(value, Mapping) else {"name": value}
-    check_keys(table, ("name", "method", "realizations"), "methods")
-    name = table.get("name", table.get("method"))
-    standard = PAPER.get(name, name) if isinstance(name, str) else name
-    return {"method": standard, **table, "name": label_of(name)}
-
-
-def _to_tables(values: Any) -> tuple[dict[str, Any], ...]:
-    return tuple(map(_to_table, to_tuple(values)))
-
-
 def _to_files(values: Any) -> dict[str, dict[str, tuple[str, ...]]]:
     """Return file patterns by participant and perturbation."""
     try:
-        files = {
+        return {
             participant: {name: to_tuple(given) for name, given in recorded.items()}
             for participant, recorded in values.items()
         }
-        names = [*files, *chain(*files.values())]
-        is_named = all(re.fullmatch(NAME, name) and name.isprintable() for name in names)
-        if is_named and all(all(recorded.values()) and recorded for recorded in files.values()):
-            return files
-    except (AttributeError, TypeError):
-        pass
-    raise InputError(
-        "participants: expected files by participant and perturbation, as in {P1 = {noise = "
-        f"'P1/noise*.mat'}}}}, with names that files and tables may have: up to {MAX_NAME_LENGTH} "
-        f"characters, no slashes or colons, and none of . = + - @ first; got {values!r}"
-    )
+    except AttributeError as error:
+        raise InputError(
+            "participants: expected files by participant and perturbation, as in {P1 = {noise = "
+            f"'P1/noise*.mat'}}}}; got {values!r}"
+        ) from error
 
 
 class Recorded(NamedTuple):
@@ -152,9 +128,8 @@ class Experiment(Settings):
     methods
         ``"eirf"``, ``"sds"``, ``"birf"``, ``"esm"`` and ``"kbr"`` by themselves take the paper's
         settings for its experiment. Others are keys with settings (``"sds:window=0.2"``),
-        ``"mymodule:MyMethod"``, objects with ``identify``, or mappings with ``method`` and, if need
-        be, a ``name``, and ``realizations`` of its own. A method whose attribute ``contiguous`` is
-        true, such as kbr, gets draws in one block.
+        ``"mymodule:MyMethod"``, or methods. A method whose attribute ``contiguous`` is true, such
+        as kbr, gets draws in one block.
     realizations
         How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one block, as in
         the paper.
@@ -183,11 +158,11 @@ class Experiment(Settings):
     reading: Reading | None = attrs.field(default=None, converter=_to_reading)
     preparation: dict[str, Any] = attrs.field(factory=dict, converter=_to_preparation)
     perturbation: tuple[str, ...] | None = attrs.field(default=None, converter=to_tuple)
-    methods: tuple[dict[str, Any], ...] = attrs.field(default=tuple(PAPER), converter=_to_tables)
+    methods: tuple[Any, ...] = attrs.field(default=tuple(PAPER), converter=to_tuple)
     realizations: tuple[int, ...] | None = attrs.field(default=None, converter=to_tuple)
     bootstraps: int = attrs.field(default=100, validator=at_least(2))
     seed: int = attrs.field(default=0, validator=at_least(0))
-    folder: Path = attrs.field(factory=Path, converter=Path)
+    folder: str = attrs.field(default=".", converter=str)
 
     def __attrs_post_init__(self) -> None:
         if self.participants and self.reading is None:
@@ -195,10 +170,11 @@ class Experiment(Settings):
                 "reading: files need it: which channels are angle and torque, and the sampling "
                 "rate, as in reading = {angle = 'pos', torque = 'tq', sampling_rate = 1000}"
             )
-        if not self.preparation["period"]:
+        names = {name for recorded in self.recordings for name in recorded[:2]}
+        if wrong := [name for name in names if not re.fullmatch(NAME, name)]:
             raise InputError(
-                "preparation: period must be given: an experiment draws realizations of a period; "
-                "a record without one is identified by tvsysid identify --scheduling"
+                f"participants: {wrong[0]!r} cannot name a file: begin with a letter or digit, and "
+                "have no slash, backslash or colon"
             )
         for name, items in (("methods", self.analyses), ("participants", self.recordings)):
             labels = [item.label for item in items]
@@ -207,16 +183,11 @@ class Experiment(Settings):
                     f"{name}: expected at least 1, each with a name of its own; got "
                     f"{', '.join(labels) or 'none'}"
                 )
-        there = {recorded.perturbation for recorded in self.recordings}
-        if missing := set(self.perturbation or ()) - there:
-            raise InputError(f"perturbation: {', '.join(missing)} was not recorded")
 
     @cached_property
     def recordings(self) -> tuple[Recorded, ...]:
         """Recordings that are studied, participant by participant."""
         virtual = VIRTUAL if self.virtual is None and not self.participants else self.virtual or ()
-        for number in virtual:
-            at_least(0).check("Experiment", "virtual", number)
         every = [
             Recorded(name, perturbation, files)
             for name, recorded in self.participants.items()
@@ -234,11 +205,12 @@ class Experiment(Settings):
     def analyses(self) -> tuple[Analysis, ...]:
         """Analyses of each recording."""
         analyses = []
-        for table in self.methods:
-            method = to_method(table["method"])
+        for value in self.methods:
+            label = label_of(value)
+            method = to_method(PAPER.get(label, value))
             usual = BLOCK_REALIZATIONS if method.contiguous else REALIZATIONS
-            counts = to_tuple(table.get("realizations")) or self.realizations or usual
-            analyses += [Analysis(table["name"], method, count) for count in counts]
+            counts = self.realizations or usual
+            analyses += [Analysis(label, method, count) for count in counts]
         return tuple(analyses)
 
     @property
@@ -250,12 +222,3 @@ class Experiment(Settings):
         """Return the seed of the draws from one recording; it depends on no other recording."""
         key = spawn_key(f"{recorded.label} {realizations}")
         return int(np.random.SeedSequence(self.seed, spawn_key=key).generate_state(1, np.uint64)[0])
-
-    def to_json(self) -> str:
-        """Return all settings as text, methods by their labels."""
-        settings = attrs.asdict(self, recurse=False)
-        settings["reading"] = self.reading and attrs.asdict(self.reading)
-        settings["folder"] = str(self.folder.resolve())
-        if not self.participants:
-            del settings["folder"]
-        return json.dumps(settings, default=label_of)

@@ -94,8 +94,6 @@ def run(
     >>> run(experiment, workers=1).estimate.sel(quantity="stiffness").shape
     (1, 1, 5, 256)
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"workers must be at least 1, got {workers!r}")
     tasks, results_of = _work(study, prepared)
     with ExitStack() as stack:
         kept = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import re
 from collections.abc import Mapping
@@ -24,14 +23,7 @@ from tvsysid.simulate import (
     Perturbation,
     System,
 )
-from tvsysid.study.settings import (
-    Settings,
-    by_label,
-    check_keys,
-    spawn_key,
-    to_method,
-    to_tuple,
-)
+from tvsysid.study.settings import Settings, check_keys, spawn_key, to_method, to_tuple
 from tvsysid.validators import (
     Validator,
     at_least,
@@ -47,12 +39,12 @@ VISCOSITIES = ("constant", "covarying")
 """The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""
 PERIOD, RATE = 2.0, 100.0  # s of a realization, and Hz after decimation, as in the paper
 OWN = "own"  # stiffness and viscosity of a system that has no such settings
-PARTS: dict[str, tuple[Mapping[str, object], str, str]] = {
-    "stiffness": (PROFILES, "profile", "__call__"),
-    "perturbation": (PERTURBATIONS, "perturbation", "generate"),
-    "system": (SYSTEMS, "system", "simulate"),
+PARTS: dict[str, tuple[Mapping[str, object], str]] = {
+    "stiffness": (PROFILES, "profile"),
+    "perturbation": (PERTURBATIONS, "perturbation"),
+    "system": (SYSTEMS, "system"),
 }
-"""Known objects for a setting, their kind, and the attribute that another object must have."""
+"""Known objects for a setting, and their kind."""
 decibels = Validator(
     "a number of decibels, or inf for no noise", lambda value: is_number(value) or value == math.inf
 )
@@ -111,7 +103,7 @@ class Study(Settings):
     perturbation
         ``"noise"``, ``"prbs"``, ``"module:Object"``, or objects with ``generate``.
     duration_s, snr_db
-        Seconds of data, each a whole number of realizations; signal-to-noise ratios in dB.
+        Seconds of data, and signal-to-noise ratios in dB.
     viscosity
         ``"constant"`` (the system's own: 2.2 N·m·s/rad), ``"covarying"`` (1 to 3 N·m·s/rad with the
         stiffness).
@@ -164,27 +156,8 @@ class Study(Settings):
     seed: int = attrs.field(default=0, validator=at_least(0))
 
     def __attrs_post_init__(self) -> None:
-        samples = self.period * self.rate
-        if samples < 2 or abs(samples - round(samples)) > 1e-6:
-            raise InputError(
-                f"period: expected whole samples, {self.period:g} s at {self.rate:g} Hz are "
-                f"{samples:g}; give another period or rate"
-            )
-        for name in (*Scenario._fields, "methods"):
-            if not getattr(self, name):
-                raise InputError(f"{name}: it is empty; give at least 1 value")
-        for value in self.duration_s:
-            count = value / self.period
-            if count < 2 or abs(count - round(count)) > 1e-9:
-                raise InputError(
-                    f"duration_s: expected whole realizations of {self.period:g} s, two at least; "
-                    f"got {value!r}"
-                )
-        if len({scenario.label for scenario in self.scenarios}) < len(self.scenarios):
-            raise InputError(
-                "two scenarios have the same label; give their parts names that differ in letters "
-                "or digits"
-            )
+        if not self.scenarios or not self.methods:
+            raise InputError(f"{', '.join(Scenario._fields)}, methods: give at least 1 of each")
         _ = self.named_methods  # raises for an unknown one
 
     def replaced(self, **settings: Any) -> Self:
@@ -193,7 +166,7 @@ class Study(Settings):
             {name: value for name, value in table.items() if name not in settings}
             for table in self.also
         ]
-        return super().replaced(**{"also": [table for table in kept if table]} | settings)
+        return attrs.evolve(self, **{"also": [table for table in kept if table]} | settings)
 
     @cached_property
     def grids(self) -> tuple[Study, ...]:
@@ -201,29 +174,31 @@ class Study(Settings):
         plain = attrs.evolve(self, also=()) if self.also else self
         return (plain, *(attrs.evolve(plain, **table) for table in self.also))
 
-    def _every(self, name: str) -> dict[str, Any]:
+    def _labelled(self, name: str) -> dict[str, Any]:
         """Return the values of a setting in all grids by their labels."""
-        return by_label(name, (value for grid in self.grids for value in getattr(grid, name)))
+        labelled: dict[str, Any] = {}
+        for value in (value for grid in self.grids for value in getattr(grid, name)):
+            label = label_of(value)
+            if repr(labelled.setdefault(label, value)) != repr(value):
+                raise InputError(
+                    f"{name}: two objects have the same name, {label}; as attrs classes or "
+                    "dataclasses their settings tell them apart"
+                )
+        return labelled
 
     @cached_property
     def named_methods(self) -> dict[str, Method]:
         """Method objects by the label that they have in results."""
-        return {label: to_method(value) for label, value in self._every("methods").items()}
+        return {label: to_method(value) for label, value in self._labelled("methods").items()}
 
     @cached_property
     def parts(self) -> dict[str, Any]:
         """Systems, profiles and perturbations by setting and label (``"stiffness square"``)."""
-        parts = {}
-        for name, (known, kind, attribute) in PARTS.items():
-            for label, value in self._every(name).items():
-                part = resolve(value, known, kind)
-                if not hasattr(part, attribute):
-                    raise InputError(
-                        f"{name}: expected a name ({', '.join(known)}), module:Object, or an "
-                        f"object with {attribute}(); got {value!r}"
-                    )
-                parts[f"{name} {label}"] = part
-        return parts
+        return {
+            f"{name} {label}": resolve(value, known, kind)
+            for name, (known, kind) in PARTS.items()
+            for label, value in self._labelled(name).items()
+        }
 
     @property
     def scenarios(self) -> tuple[Scenario, ...]:
@@ -237,17 +212,15 @@ class Study(Settings):
         for grid in self.grids:
             for values in itertools.product(*(getattr(grid, name) for name in Scenario._fields)):
                 labels = [each if isinstance(each, float) else label_of(each) for each in values]
-                scenario = self._without_unused(Scenario._make(labels))
+                scenario = Scenario._make(labels)
+                # A system without such a setting has stiffness and viscosity of its own
+                names = settings_of(self.parts[f"system {scenario.system}"]).keys()
+                if "stiffness" not in names:
+                    scenario = scenario._replace(stiffness=OWN)
+                if not {"stiffness", "viscosity"} <= names:
+                    scenario = scenario._replace(viscosity=OWN)
                 methods_of.setdefault(scenario, set()).update(map(label_of, grid.methods))
         return methods_of
-
-    def _without_unused(self, scenario: Scenario) -> Scenario:
-        """Return the scenario without settings that its system does not have."""
-        names = settings_of(self.parts[f"system {scenario.system}"]).keys()
-        return scenario._replace(
-            stiffness=scenario.stiffness if "stiffness" in names else OWN,
-            viscosity=scenario.viscosity if {"stiffness", "viscosity"} <= names else OWN,
-        )
 
     def simulated(self, scenario: Scenario) -> tuple[System, Perturbation]:
         """Return the system and perturbation of a scenario."""
@@ -263,9 +236,3 @@ class Study(Settings):
         """Return the seed of a scenario or of one trial; it depends on no other scenario."""
         parts = (*tuple(scenario)[:4], *([scenario.system] if scenario.system != "joint" else []))
         return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), *trial))
-
-    def to_json(self) -> str:
-        """Return the settings that are not empty as text, methods and parts by their labels."""
-        settings = attrs.asdict(self, recurse=False)
-        given = {name: each for name, each in settings.items() if each != () and each is not False}
-        return json.dumps(given, default=label_of)

@@ -22,7 +22,7 @@ AWAY = 0.3  # seconds from a switch beyond which no window or lag of the paper's
 MAIN = "stiffness"  # the quantity whose metrics have no quantity in their names
 PATHWAY = "pathway_vaf"  # metric of each pathway, whose name takes the place of the quantity
 PERCENT, POINTS = "%", "percentage points"
-OF_QUANTITY = {
+METRICS = {
     "mean": "",
     "bias_error": "",
     "debiased_bias_error": "",
@@ -31,9 +31,6 @@ OF_QUANTITY = {
     "total_error": "",
     "rise_time": "s",
     "coverage": PERCENT,
-}
-"""Unit of each metric of a quantity; empty for that of the quantity."""
-METRICS = OF_QUANTITY | {
     "vaf": PERCENT,
     "bandpassed_vaf": PERCENT,
     "lowest_vaf": PERCENT,
@@ -45,7 +42,7 @@ METRICS = OF_QUANTITY | {
     "failed": "draws",
     "seconds": "s",
 }
-"""Unit of each metric."""
+"""Unit of each metric; empty for that of the quantity."""
 
 
 def score(results: xr.Dataset) -> xr.Dataset:

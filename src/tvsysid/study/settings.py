@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import attrs
+import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of, parse
+from tvsysid.recordings import Reading
 
 Item = TypeVar("Item")
 
@@ -35,7 +38,7 @@ class Settings:
         try:
             table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
             if "folder" in attrs.fields_dict(cls):
-                table = {"folder": Path(path).parent} | table
+                table = {"folder": str(Path(path).resolve().parent)} | table
             return from_table(cls, table).replaced(**settings)
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
@@ -45,6 +48,17 @@ class Settings:
     def replaced(self, **settings: Any) -> Self:
         """Return the study with other values of some settings."""
         return attrs.evolve(self, **settings)
+
+    def to_json(self) -> str:
+        """Return the settings that are not empty as text, methods and parts by their labels."""
+        settings = attrs.asdict(
+            self, recurse=False, filter=lambda _, value: value not in ((), None, {})
+        )
+        return json.dumps(settings, default=_to_text)
+
+
+def _to_text(value: object) -> object:
+    return attrs.asdict(value) if isinstance(value, Reading) else label_of(value)
 
 
 def from_table(kind: type[Item], table: Any, where: str = "") -> Item:
@@ -83,31 +97,7 @@ def to_method(value: Any) -> Method:
     return method
 
 
-def by_label(name: str, values: Iterable[object]) -> dict[str, Any]:
-    """Return values by their labels. Raise an InputError if two that differ have one label."""
-    labelled: dict[str, Any] = {}
-    for value in values:
-        label = label_of(value)
-        if repr(labelled.setdefault(label, value)) != repr(value):
-            raise InputError(
-                f"{name}: two objects have the same name, {label}; as attrs classes or dataclasses "
-                "their settings tell them apart"
-            )
-    return labelled
-
-
-def in_words(value: object) -> str:
-    """Return a setting as text, like "1, eirf, none" or "alignment 2"."""
-    if isinstance(value, list):
-        return ", ".join(map(in_words, value))
-    if isinstance(value, dict):
-        return ", ".join(f"{name} {in_words(item)}" for name, item in value.items())
-    if value is None:
-        return "none"
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 def spawn_key(text: str) -> list[int]:
     """Return the spawn key of independent random numbers."""
     digest = hashlib.sha256(text.encode()).digest()
-    return [int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4)]
+    return list(map(int, np.frombuffer(digest[:16], "<u4")))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tvsysid.study.prepared import Prepared
-from tvsysid.study.scores import MAIN, OF_QUANTITY, score
+from tvsysid.study.scores import MAIN, score
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,10 +15,9 @@ if TYPE_CHECKING:
 COLUMNS = (
     *("stiffness", "participant", "perturbation", "duration_s", "snr_db", "method"),
     *("realizations", "trials", "bootstraps", "metric", "value", "unit", "standard_error"),
-    *("viscosity", "scenario", "system", "quantity"),
+    *("viscosity", "scenario", "system"),
 )
 """Of the summary, as far as they apply."""
-OF_RECORDING = ("recording", "participant", "perturbation")
 LABELS = ("participant", "perturbation", "method", "realizations")
 NAMES = {"profile": "stiffness", "method_key": "method", "time": "time_s"}
 """Columns of tables by the names of coordinates."""
@@ -38,29 +37,16 @@ def summarize(found: xr.Dataset) -> pd.DataFrame:
         A row for each scenario or recording, method and metric. Columns of a simulation study are
         stiffness (the name of the profile), perturbation, duration_s, snr_db, method, trials (the
         number that count), metric, value, unit, standard_error (that of the Monte-Carlo estimate;
-        NaN for counts, for the worst trial, and for a single one), viscosity, scenario, system and
-        quantity (the one that was estimated, or empty). Those of an experiment are participant,
-        perturbation, method, realizations, bootstraps, metric, value, unit and quantity. Rows of
-        metrics without a value are left out.
+        NaN for counts, for the worst trial, and for a single one), viscosity, scenario and
+        system. Those of an experiment are participant, perturbation, method, realizations,
+        bootstraps, metric, value and unit. A metric of another quantity than the stiffness, or of a
+        pathway, begins with its name. Rows of metrics without a value are left out.
     """
     scores = found if "metric" in found.dims else score(found)
     table = scores.drop_vars("replicates", errors="ignore").to_dataframe(scores.value.dims)
     table = table.dropna(subset="value").reset_index().rename(columns=NAMES)
-    parts = table.metric.str.rpartition(" ")
-    table["quantity"] = parts[0].mask(table.metric.isin([*OF_QUANTITY]), MAIN)
-    table["metric"] = parts[2].mask(parts[2] == "mean", "mean_" + table.quantity)
+    table["metric"] = table.metric.replace("mean", f"mean_{MAIN}")
     return table[[name for name in COLUMNS if name in table]]
-
-
-def of_quantity(summary: pd.DataFrame, quantity: str = MAIN) -> pd.DataFrame:
-    """Return the rows of a summary on a quantity or on none."""
-    return summary[summary.quantity.isin(["", quantity])]
-
-
-def by_full_name(summary: pd.DataFrame) -> pd.DataFrame:
-    """Return a summary whose metrics other than stiffness name their quantity."""
-    own = summary.quantity.isin(["", MAIN])
-    return summary.assign(metric=summary.metric.where(own, summary.quantity + " " + summary.metric))
 
 
 def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
@@ -89,19 +75,9 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    columns = [
-        "realization",
-        "trial",
-        "onset_s",
-        "shift_s",
-        "excluded_by",
-        "reached",
-        "limit",
-        "unit",
-    ]
     tables = {item.recorded[:2]: item.preparation.table for item in prepared if item.preparation}
     if not tables:
-        return pd.DataFrame(columns=[*OF_RECORDING, *columns])
-    table = pd.concat(tables, names=[*OF_RECORDING[1:]]).reset_index()
-    table["recording"] = table.participant + "-" + table.perturbation
-    return table[[*OF_RECORDING, *columns]]
+        return pd.DataFrame(columns=["recording", "shift_s", "excluded_by"])
+    table = pd.concat(tables, names=["participant", "perturbation"]).reset_index()
+    table.insert(0, "recording", table.participant + "-" + table.perturbation)
+    return table

@@ -17,11 +17,11 @@ class Sloped(tv.Method):
 
 
 def test_a_quantity_of_one_s_own_is_summarized_with_its_unit(small):
-    method = {"method": Sloped(), "name": "own", "realizations": 20}
-    experiment = Experiment(virtual=1, perturbation="noise", methods=[method], bootstraps=2)
+    settings = {"methods": [Sloped()], "realizations": 20, "bootstraps": 2}
+    experiment = Experiment(virtual=1, perturbation="noise", **settings)
     results = run(experiment, prepared=small.prepared[:1], workers=1)
     assert str(results.unit.sel(quantity="emg_slope").values) == "N m/V"
-    table = summarize(results).set_index(["quantity", "metric"])
-    slope, ratio = table.loc["emg_slope", "mean_emg_slope"], table.loc["ratio", "mean_ratio"]
+    table = summarize(results).set_index("metric")
+    slope, ratio = table.loc["emg_slope mean"], table.loc["ratio mean"]
     assert (slope.value, slope.unit) == (3.0, "N·m/V")
     assert (ratio.value, ratio.unit) == (0.5, "")

@@ -42,7 +42,7 @@ def test_a_virtual_participant_is_prepared_as_by_hand(small):
     assert np.ptp(prepared.target_torque) == pytest.approx(
         0.45 * tv.simulate.Traits.of(1).maximal_torque, rel=0.01
     )
-    assert (prepared.trials, prepared.refused, prepared.remarks) == (10, {}, ())
+    assert prepared.remarks == ()
 
 
 def test_files_are_prepared_in_the_order_of_their_names(tmp_path):
@@ -52,7 +52,6 @@ def test_files_are_prepared_in_the_order_of_their_names(tmp_path):
     recording = tv.read_trials([tmp_path / f"trial{number}.mat" for number in range(3)], **READING)
     by_hand = tv.preprocess.prepare(recording, **SHORT)
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
-    assert prepared.trials == 3
     assert not prepared.truth
     assert prepared.excerpt.duration == pytest.approx(10.0)
 
@@ -82,8 +81,9 @@ def test_a_trial_that_cannot_be_used_is_told_and_the_others_go_on(tmp_path, spoi
     spoil(tmp_path / "trial1.mat")
     files = [f"trial{number}.mat" for number in range(3)]
     (prepared,) = prepared_recordings(experiment_on(tmp_path, files))
-    assert (prepared.trials, len(prepared.refused), prepared.failure) == (2, 1, "")
-    assert re.search(SPOILT[spoil], "\n".join(prepared.remarks))
+    assert prepared.failure == ""
+    (remark,) = prepared.remarks
+    assert re.search(SPOILT[spoil], remark)
     others = tv.preprocess.prepare(
         tv.read_trials([tmp_path / "trial0.mat", tmp_path / "trial2.mat"], **READING), **SHORT
     )
@@ -99,7 +99,8 @@ def test_a_recording_without_any_usable_trial_fails_alone(tmp_path, small):
     )  # fmt: skip
     lost, fine = prepared_recordings(experiment)
     assert lost.ensemble is None
-    assert lost.failure.startswith("no trial can be used: nothing*.mat: no file has such a name")
+    assert lost.failure == "no trial can be used"
+    assert lost.remarks[0] == "nothing*.mat is left out: no such file"
     assert fine.failure == ""
     results = tv.study.run(experiment, prepared=(lost, fine), workers=1)
     assert results.survivors.values.tolist() == [0, len(fine.ensemble)]
@@ -130,7 +131,7 @@ def test_the_same_file_counts_once_and_brackets_are_no_pattern_where_a_file_has_
     (prepared,) = prepared_recordings(
         experiment_on(folder, ["trial*.mat", "./trial0.mat", "more[1].mat"])
     )
-    assert (prepared.trials, prepared.refused) == (4, {})
+    assert (len(set(prepared.ensemble.trials)), prepared.remarks) == (4, ())
 
 
 class Driven(tv.Method):

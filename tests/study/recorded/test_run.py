@@ -9,7 +9,7 @@ from tests.study.recorded.conftest import READING, SHORT, SMALL, write_trials
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
-from tvsysid.study import Experiment, of_quantity, run, summarize
+from tvsysid.study import Experiment, run, summarize
 from tvsysid.study.bootstraps import tasks_of
 
 
@@ -77,11 +77,10 @@ class Counting(tv.Method):
 def test_the_same_draw_is_identified_once(tmp_path):
     write_trials(tmp_path)
     log = tmp_path / "asked.txt"
-    method = {"name": "counting", "method": Counting(str(log))}
     experiment = Experiment(
         participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING,
         preparation=SHORT,
-        methods=[method], realizations=5, bootstraps=200,
+        methods=[Counting(str(log))], realizations=5, bootstraps=200,
     )  # fmt: skip
     results = run(experiment, workers=1)
     # No more blocks than realizations to begin at.
@@ -117,19 +116,18 @@ class Sometimes(tv.Method):
 
 @pytest.mark.slow
 def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
-    method = {"name": "sometimes", "method": Sometimes()}
     experiment = Experiment(
-        **SMALL | {"methods": [method, "birf"], "bootstraps": 30, "perturbation": "noise"}
+        **SMALL | {"methods": [Sometimes(), "birf"], "bootstraps": 30, "perturbation": "noise"}
     )
     results = run(experiment, prepared=small.prepared[:1], workers=1)
-    failed = np.isnan(results.vaf.sel(analysis="sometimes-10").values[0])
+    failed = np.isnan(results.vaf.sel(analysis="Sometimes()-10").values[0])
     assert 0 < failed.sum() < 30
-    texts = results.failure.sel(analysis="sometimes-10").values[0]
+    texts = results.failure.sel(analysis="Sometimes()-10").values[0]
     np.testing.assert_array_equal(texts != "", failed)
     assert texts[failed][0].startswith("RuntimeError: too early")
-    table = of_quantity(summarize(results)).set_index(["method", "realizations", "metric"]).value
-    assert table["sometimes", 10, "failed"] == failed.sum()
-    assert np.isfinite(table["sometimes", 10, "vaf"])
+    table = summarize(results).set_index(["method", "realizations", "metric"]).value
+    assert table["Sometimes()", 10, "failed"] == failed.sum()
+    assert np.isfinite(table["Sometimes()", 10, "vaf"])
     assert table["birf", 10, "failed"] == 0
 
 

@@ -21,7 +21,6 @@ from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
 from tvsysid.study import (
     Prepared,
     exclusions,
-    of_quantity,
     stiffness_over_time,
     summarize,
 )
@@ -55,7 +54,7 @@ def write_experiment(
         **({"exclusions.csv": excluded} if prepared else {}),
     }
     write_tables(folder, tables)
-    summary, claims = of_quantity(tables["summary.csv"]), tables["claims.csv"]
+    summary, claims = tables["summary.csv"], tables["claims.csv"]
     who, excerpts, preparations, diagnoses = representative(results, summary), {}, {}, {}
     for each in prepared:
         if each.ensemble and each.excerpt and each.preparation:

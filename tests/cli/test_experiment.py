@@ -53,10 +53,7 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     assert {"participant.png", "preparation.pdf", "recorded-signals.svg"} <= figures
     with xr.open_dataset(folder / "results.nc") as results:
         assert results.estimate.sel(quantity="stiffness").shape == (1, 1, 3, 256)
-    tables = {
-        name: (folder / name).read_bytes()
-        for name in ("summary.csv", "claims.csv", "exclusions.csv")
-    }
+    tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv")}
     for name in tables:
         (folder / name).unlink()
     request.getfixturevalue("undrawn")
@@ -84,15 +81,6 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     code, _, err = tvsysid("experiment study.toml --out found")
     assert code == 1
     assert "resuming: 4 of 4 tasks are done already" in err  # bert has no recording
-    # The recordings are gone; tables and page can be had from the results all the same.
-    for number in range(3):
-        (tmp_path / f"trial{number}.mat").unlink()
-    kept = (tmp_path / "found" / "exclusions.csv").read_bytes()
-    code, _, err = tvsysid("report found")
-    assert code == 0
-    assert "trial3.mat is left out" in (tmp_path / "found" / "report.html").read_text()
-    assert "the recordings are missing or have changed" in err
-    assert (tmp_path / "found" / "exclusions.csv").read_bytes() == kept
 
 
 def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):

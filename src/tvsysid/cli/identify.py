@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import attrs
 
@@ -21,6 +21,7 @@ from tvsysid.cli.console import (
 from tvsysid.cli.options import (
     SLOW_RATE,
     Flag,
+    Flattened,
     Methods,
     ReadingOptions,
     SegmentationOptions,
@@ -73,6 +74,29 @@ FURTHER = {
 }
 
 
+@attrs.frozen
+class Options:
+    """How a recording is identified.
+
+    Parameters
+    ----------
+    align_channels
+        Correct a delay of the torque, unless that lowers the held-out VAF.
+    remove_mains
+        Subtract mains hum (50 or 60 Hz) that shows in the angle.
+    tune
+        Choose each method's settings from the data.
+    sheet
+        Also write a page of A4 to print, for research use only.
+    """
+
+    method: Methods | None = None
+    align_channels: bool = True
+    remove_mains: bool = True
+    tune: Flag = False
+    sheet: Flag = False
+
+
 def identify(
     file: Path,
     /,
@@ -80,11 +104,7 @@ def identify(
     reading: ReadingOptions = Reading(),
     segmentation: SegmentationOptions = Segmentation(),
     scheduling: str | None = None,
-    method: Methods | None = None,
-    align_channels: bool = True,
-    remove_mains: bool = True,
-    tune: Flag = False,
-    sheet: Flag = False,
+    options: Annotated[Options, Flattened] = Options(),
     out: Path = Path("tvsysid-identify"),
 ) -> int:
     """Identify stiffness over time from a recording.
@@ -105,14 +125,6 @@ def identify(
         Further ones, with the same options. Each has a folder and a row of one page.
     scheduling
         Channel that the joint follows, for lpv and lpvkbi; needs no --period.
-    align_channels
-        Correct a delay of the torque, unless that lowers the held-out VAF.
-    remove_mains
-        Subtract mains hum (50 or 60 Hz) that shows in the angle.
-    tune
-        Choose each method's settings from the data.
-    sheet
-        Also write a page of A4 to print, for research use only.
     out
         Folder for the results.
     """
@@ -121,17 +133,8 @@ def identify(
     if scheduling is not None:
         channels = {**reading.channels, "scheduling": scheduling}
         reading = attrs.evolve(reading, channels=channels)
-        method = method or SCHEDULED_METHODS
-    one = partial(
-        _identify,
-        reading=reading,
-        segmentation=segmentation,
-        method=method or [],
-        align_channels=align_channels,
-        remove_mains=remove_mains,
-        tune=tune,
-        sheet=sheet,
-    )
+        options = attrs.evolve(options, method=options.method or SCHEDULED_METHODS)
+    one = partial(_identify, reading=reading, segmentation=segmentation, options=options)
     recordings = recordings_in([file, *files])
     return one(file, out) if recordings == [file] else _identify_all(one, recordings, out)
 
@@ -150,6 +153,8 @@ def _identify_all(one: Callable[[Path, Path], int], recordings: Sequence[Path], 
         except InputError as error:
             code = 1
             remark("error", str(error))
+    if not folders:
+        return code
     table = write_recordings(out / "report.html", folders, command_line())
     show_table("recordings", table.to_dict("records"), RECORDINGS)
     say_written(out, ["report.html"])
@@ -157,16 +162,7 @@ def _identify_all(one: Callable[[Path, Path], int], recordings: Sequence[Path], 
 
 
 def _identify(
-    file: Path,
-    out: Path,
-    *,
-    reading: Reading,
-    segmentation: Segmentation,
-    method: list[str],
-    align_channels: bool,
-    remove_mains: bool,
-    tune: bool,
-    sheet: bool,
+    file: Path, out: Path, reading: Reading, segmentation: Segmentation, options: Options
 ) -> int:
     """Identify one recording, write its folder, print the answer, and return the exit code."""
     from tvsysid.comparison import compare, prepare_recording
@@ -174,7 +170,7 @@ def _identify(
     from tvsysid.recordings import read_recording
     from tvsysid.report import write_folder
 
-    recording = read_recording(file, reading)
+    recording, method = read_recording(file, reading), options.method or []
     if segmentation.period is None and "scheduling" not in reading.channels:
         raise InputError(NO_PERIOD)
     out.mkdir(parents=True, exist_ok=True)
@@ -185,20 +181,20 @@ def _identify(
         recording,
         segmentation,
         centered_channels(map(parse, expand(method))),
-        align_channels=align_channels,
-        remove_mains=remove_mains,
+        align_channels=options.align_channels,
+        remove_mains=options.remove_mains,
     )
     for note in prepared.notes:
         say(note)
     say(f"{file.name}: {prepared.ensemble!r}")
     with shown_progress("identifying") as advance:
-        found = compare(prepared.ensemble, method, tune=tune, progress=advance)
+        found = compare(prepared.ensemble, method, tune=options.tune, progress=advance)
     for label, reason in found.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in found.failed.items():
         remark("error", f"{label} failed: {reason}")
     found, source = _judged(found, prepared, recording, file, reading), _source(file, reading)
-    written = write_folder(out, found, source, prepared.corrections, command_line(), sheet)
+    written = write_folder(out, found, source, prepared.corrections, command_line(), options.sheet)
     _show_impedance(found)
     _show_diagnosis(found)
     _show_settings(found)

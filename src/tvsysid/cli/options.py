@@ -13,6 +13,7 @@ from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation, name
 
 NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration"}
 """Names of options that differ from the names of the settings."""
+FILES = ("FILE", "FILES", "--pilot")  # arguments that are recordings
 USUAL_RATE = 100.0  # Hz
 SLOW_RATE = 250.0  # Hz; identifying at higher rates takes minutes
 
@@ -61,21 +62,17 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     from tvsysid.recordings import recordings_in
     from tvsysid.recordings.saved import saved_settings, settings_file
 
-    options = {argument.name: argument for argument in arguments}
-    typed = [
-        token for name in ("FILE", "--pilot") if name in options for token in options[name].tokens
-    ]
-    if not typed or "--angle" not in options:
-        return
-    file, *_ = recordings_in([Path(typed[0].value)]) or [Path(typed[0].value)]
-    if saved := saved_settings(file):
+    tokens = {argument.name: argument.tokens for argument in arguments}
+    typed = [Path(token.value) for name in FILES for token in tokens.get(name, ())]
+    paths = [path for path in map(settings_file, recordings_in(typed)) if path.is_file()]
+    if paths and "--angle" in tokens:
+        saved = saved_settings(paths[0])
         channels = named_channels(saved.get("channels", ()))
         saved["channels"] = [f"{own}={name}" for own, name in channels.items()]
-        named = {option_name(name): value for name, value in saved.items()}
-        Dict(named, source=str(settings_file(file)), use_commands_as_keys=False)(
-            app, commands, arguments
-        )
-        say(f"settings of {settings_file(file)}; options override them")
+        options = {option_name(name): value for name, value in saved.items()}
+        use = Dict(options, source=str(paths[0]), use_commands_as_keys=False)
+        use(app, commands, arguments)
+        say(f"settings of {paths[0]}; options override them")
 
 
 def rate_options(rate: float | None) -> str:

@@ -25,8 +25,8 @@ def save_settings(file: Path, reading: Reading, segmentation: Segmentation) -> P
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "ankle.mat")
-    ...     _ = save_settings(file, Reading(angle="pos", torque="tq"), Segmentation(period=2.0))
-    ...     saved_settings(file)["period"]
+    ...     path = save_settings(file, Reading(angle="pos", torque="tq"), Segmentation(period=2.0))
+    ...     saved_settings(path)["period"]
     2.0
     """
     import tomli_w  # noqa: PLC0415  # the command line must start quickly
@@ -40,18 +40,15 @@ def save_settings(file: Path, reading: Reading, segmentation: Segmentation) -> P
     return settings_file(file)
 
 
-def saved_settings(file: Path) -> dict[str, Any]:
-    """Return the settings that were saved beside a recording, by name; none if there are none.
+def saved_settings(path: Path) -> dict[str, Any]:
+    """Return the settings in a file that :func:`save_settings` wrote, by name.
 
     Raises
     ------
     InputError
         If the file is no TOML.
     """
-    path = settings_file(file)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
     except ValueError as error:
         raise InputError(f"{path}: {error}; correct it, or delete it") from error

@@ -75,7 +75,7 @@ def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
 def test_methods_are_those_of_the_package():
     section = re.search(r"^## The methods\n(.*?)(?=^## )", README, re.MULTILINE | re.DOTALL)[1]
     rows = re.findall(r"^\| `(\w+)` \| `(\w+)` \|", section, re.MULTILINE)
-    assert rows == [(key, type(tv.methods.parse(key)).__name__) for key in tv.methods.names()]
+    assert rows == [(key, type(tv.methods.parse(key)).__name__) for key in tv.methods.METHODS]
 
 
 def test_links_lead_somewhere():

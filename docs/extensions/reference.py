@@ -50,7 +50,7 @@ def settings() -> str:
         "data](../tuning.md).",
         "",
     ]
-    for key in tv.methods.names():
+    for key in tv.methods.METHODS:
         told, kind = tv.methods.describe(key), type(tv.methods.parse(key)).__name__
         lines += [f"## `{key}`: {told.title.lower()}", ""]
         lines += [

@@ -22,28 +22,6 @@ def test_methods_are_listed_with_what_they_assume(tvsysid):
         assert words in out
 
 
-def test_installed_methods_are_listed_whatever_is_wrong_with_them(tvsysid, tmp_path, monkeypatch):
-    info = tmp_path / "mypackage-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mypackage\nVersion: 1.0\n")
-    points = "good = listed_module:Good\nbad = listed_module:Bad\nsds = listed_module:Good\n"
-    (info / "entry_points.txt").write_text(f"[tvsysid.methods]\n{points}")
-    (tmp_path / "listed_module.py").write_text(
-        "import tvsysid as tv\nclass Good(tv.Method):\n    title = 'Good [red]method'\n    def "
-        "__init__(self, gain=2.5): self.gain = gain\n    def fit(self, ensemble): ...\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
-    code, out, _ = tvsysid("methods")
-    assert code == 0
-    for words in (
-        "Good [red]method",
-        "gain=2.5",
-        "has no 'Bad'",
-        "Short data segments",
-    ):
-        assert words in out
-
-
 OWN = """
 import numpy as np
 import tvsysid as tv

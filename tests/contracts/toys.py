@@ -91,7 +91,7 @@ class Scheduled(Toy):
     """A stiffness that rises in a straight line with the muscle's activity, whatever the time."""
 
     inputs = (Input("emg", "scheduling", "1"),)
-    scheduled_quantities = {"stiffness_at_emg": 20}  # noqa: RUF012  # of how many values
+    quantities = ("stiffness_at_emg",)
 
     def regressors(self, ensemble):
         angle, velocity, acceleration = ensemble.derivatives()

@@ -116,14 +116,3 @@ def test_the_method_that_reads_a_channel(tvsysid, folder):
     # The joint that is simulated has 20 + 200 x EMG, in N·m/rad.
     np.testing.assert_allclose(stored.stiffness_at_emg, 20 + 200 * stored.emg, atol=10)
     assert stored.torque_intrinsic.dims == ("realization", "time")
-
-
-def test_the_entry_point_is_of_the_group_that_is_read():
-    import tomllib
-
-    from tvsysid.methods.registry import ENTRY_POINTS
-
-    (project,) = blocks("toml")
-    assert tomllib.loads(project)["project"]["entry-points"] == {
-        ENTRY_POINTS["method"]: {"sliding": "mymethod:SlidingFit"}
-    }

@@ -1,6 +1,7 @@
+"""Methods, systems, profiles and perturbations by name, with settings as text."""
+
 import pickle
 import sys
-import textwrap
 
 import attrs
 import numpy as np
@@ -8,12 +9,7 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods import (
-    describe,
-    names,
-    parse,
-    to_text,
-)
+from tvsysid.methods import describe, from_text, label_of, load, parse, to_text
 from tvsysid.numerics.bases import CubicBSplines
 
 MODULE = '''
@@ -21,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import attrs
 import numpy as np
 import tvsysid as tv
 
@@ -58,28 +53,28 @@ class Plain(tv.Method):
         return ensemble
 
 
-@attrs.frozen
-class Needy(tv.Method):
-    window: float
-    order: int
-
-    def fit(self, ensemble):
-        return ensemble
-
-
-class Nothing:
-    pass
-
-
 class Outer:
     Inner = Fit
 
 
-def function(ensemble):
-    return ensemble
-
-
 ready = Fit(window=0.7)
+
+
+@dataclass(frozen=True)
+class Joint:
+    viscosity: float = 2.2
+
+    def simulate(self, duration, perturbation, snr_db, seed, rate=1000.0):
+        return self
+
+
+def profile(time):
+    return 100 + 0 * time
+
+
+class Steps:
+    def generate(self, samples, rate, random):
+        return random.standard_normal(samples)
 '''
 
 
@@ -94,110 +89,97 @@ def folder(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-@pytest.fixture
-def installed(folder):
-    """Offer entry points as an installed package does."""
-    info = folder / "mypackage-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mypackage\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        textwrap.dedent("""\
-            [tvsysid.methods]
-            fit = mine_for_tests:Fit
-            ready = mine_for_tests:ready
-            needy = mine_for_tests:Needy
-            gone = mine_for_tests:Gone
-            missing = nowhere_for_tests:Fit
-            failing = broken_for_tests:Fit
-            sds = mine_for_tests:Fit
-            """)
-    )
-    return folder
-
-
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
     ("text", "name", "value"),
     [
-        ("window=2", "window", 2.0),
-        ("order=5", "order", 5),
-        ("order=null", "order", None),
-        ("band=[1, 30],order=2", "band", (1.0, 30.0)),
-        ("robust=true", "robust", True),
-        ("kind=slow", "kind", "slow"),
-        ("name=5", "name", "5"),
+        ("Fit:window=2", "window", 2.0),
+        ("Fit:order=5", "order", 5),
+        ("Fit:order=null", "order", None),
+        ("Fit:band=[1, 30],order=2", "band", (1.0, 30.0)),
+        ("Fit:robust=true", "robust", True),
+        ("Fit:kind=slow", "kind", "slow"),
+        ("Fit:name=5", "name", "5"),
+        ("Outer.Inner", "window", 0.1),
+        ("ready:order=2", "window", 0.7),
+        ("Plain:gain=2,label=[1, 2]", "gain", 2.0),
+        ("Plain:gain=2,label=[1, 2]", "label", [1, 2]),
+        ("Plain:label=some text", "label", "some text"),
     ],
 )
 def test_settings_get_the_types_of_the_fields(text, name, value):
-    found = getattr(parse(f"mine_for_tests:Fit:{text}"), name)
+    found = getattr(parse(f"mine_for_tests:{text}"), name)
     assert found == value
     assert type(found) is type(value)
 
 
 @pytest.mark.usefixtures("folder")
-def test_settings_of_a_plain_class_have_the_types_of_its_arguments():
-    assert parse("mine_for_tests:Outer.Inner").window == 0.1
-    assert parse("mine_for_tests:ready:order=2").window == 0.7
-    method = parse("mine_for_tests:Plain:gain=2,label=[1, 2]")
-    assert (method.gain, method.label) == (2.0, [1, 2])
-    assert type(method.gain) is float
-    assert parse("mine_for_tests:Plain:label=some text").label == "some text"
-
-
-@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "kind", "message"),
     [
-        (
-            "nowhere_for_tests:Fit",
-            r"module 'nowhere_for_tests' cannot be imported: ModuleNotFoundError: No module named",
-        ),
-        (
-            "./mine_for_tests.py:Fit",
-            r"a module is named without its folder and without \.py",
-        ),
+        ("nowhere_for_tests:Fit", "method", r"ModuleNotFoundError: No module named"),
+        ("./mine_for_tests.py:Fit", "method", r"is named without its folder and without \.py"),
         (
             "mine_for_tests",
+            "method",
             r"unknown method 'mine_for_tests'; .* or your own as module:Object",
         ),
         (
             "broken_for_tests:Fit",
-            r"module 'broken_for_tests' cannot be imported: ZeroDivisionError: division by zero "
-            r"\(broken_for_tests\.py, line 3\)$",
+            "method",
+            r"ZeroDivisionError: division by zero \(broken_for_tests\.py, line 3\)$",
         ),
-        (
-            "mine_for_tests:fit",
-            r"has no 'fit'; its methods are Fit, Plain, Needy, ready",
-        ),
-        (
-            "mine_for_tests:Nothing",
-            r"Nothing is no tvsysid.Method",
-        ),
+        ("mine_for_tests:fit", "method", r"has no attribute 'fit'"),
+        ("mine_for_tests:Outer", "method", r"is no tvsysid.Method"),
         (
             "mine_for_tests:Fit:windw=1",
+            "method",
             r"unknown setting 'windw'; its settings are window, order, band, robust, kind, file, "
             r"weights, name",
         ),
-        ("mine_for_tests:Fit:window=1,order", r"expected setting=value, got 'order'"),
+        ("mine_for_tests:Fit:window=1,order", "method", r"expected setting=value, got 'order'"),
         (
             "mine_for_tests:Fit:window=-1",
-            r"ValueError: window must be positive \(mine_for_tests\.py, line 29\)",
+            "method",
+            r"ValueError: window must be positive \(mine_for_tests\.py, line 28\)",
+        ),
+        (
+            "birf:basis=Haar(4)",
+            "method",
+            r"'birf:basis=Haar\(4\)': expected a basis such as CubicBSplines\(functions=10\), of ",
+        ),
+        ("birf:basis=__import__('os').getcwd()", "method", "expected a basis such as"),
+        ("kbr:gamma=(1,2)", "method", "gamma must be a positive number, or three"),
+        ("lpv:rest_order=1.5", "method", r"rest_order must be a whole number, got '1.5'"),
+        ("sds:window=true", "method", "window must be a number, got 'true'"),
+        ("mine_for_tests:Steps", "system", r"^system 'mine_for_tests:Steps' has no simulate"),
+        ("mine_for_tests:profile:a=1", "profile", r"unknown setting 'a'"),
+        (
+            "mine_for_tests:Joint:viscosity=low",
+            "system",
+            r"^system .*: viscosity must be a number, got 'low'",
         ),
     ],
 )
-def test_what_cannot_be_used_is_told(text, message):
+def test_what_cannot_be_used_is_told(text, kind, message):
     with pytest.raises(tv.InputError, match=message):
-        parse(text)
+        from_text(text, kind)
 
 
-@pytest.mark.usefixtures("installed")
-def test_installed_methods_are_known_without_being_loaded():
-    assert names() == (*tv.methods.METHODS, "failing", "fit", "gone", "missing", "needy", "ready")
-    assert "mine_for_tests" not in sys.modules
-    assert parse("fit:window=0.3,band=[1,2]").window == 0.3
-    assert parse("ready").window == 0.7
-    assert parse("sds") == tv.ShortDataSegments()  # the package's own comes first
-    assert tv.study.Study(methods=["sds", "fit"]).named_methods["fit"] == parse("fit")
+@pytest.mark.usefixtures("folder")
+def test_systems_profiles_and_perturbations_of_ones_own():
+    module = "mine_for_tests"
+    assert from_text(f"{module}:Joint:viscosity=3", "system").viscosity == 3.0
+    assert from_text(f"{module}:profile", "profile") is load(f"{module}:profile")
+    assert type(from_text(f"{module}:Steps", "perturbation")).__name__ == "Steps"
+
+
+@pytest.mark.parametrize(
+    ("item", "label"),
+    [("sds:window=0.2", "sds:window=0.2"), (tv.ShortDataSegments(), None), (object(), "object")],
+)
+def test_label_in_results(item, label):
+    assert label_of(item) == (label or repr(item))
 
 
 @pytest.mark.parametrize(
@@ -214,37 +196,17 @@ def test_what_is_typed_makes_the_same_method(method):
     assert parse(to_text(method)) == method
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            "birf:basis=Haar(4)",
-            r"'birf:basis=Haar\(4\)': expected a basis such as CubicBSplines\(functions=10\), of ",
-        ),
-        ("birf:basis=__import__('os').getcwd()", "expected a basis such as"),
-        ("kbr:gamma=(1,2)", "gamma must be a positive number, or three"),
-        ("lpv:rest_order=1.5", r"rest_order must be a whole number, got '1.5'"),
-        ("sds:window=true", "window must be a number, got 'true'"),
-    ],
-)
-def test_bases_and_several_numbers_that_cannot_be_read_are_told(text, message):
-    with pytest.raises(tv.InputError, match=message):
-        parse(text)
-
-
-@pytest.mark.usefixtures("installed")
+@pytest.mark.usefixtures("folder")
 def test_description():
     sds = describe("sds")
     assert sds.title == "Short data segments"
     assert sds.settings == ("max_lag = 0.12", "window = 0.1")
-    mine = describe("fit")
+    mine = describe("mine_for_tests:Fit")
     assert (mine.title, mine.assumptions) == ("My fit", ("All is well.",))
-    assert mine.settings[:3] == ("window = 0.1", "order = 3", "band = (0.0, 20.0)")
     assert describe("mine_for_tests:Plain") == (
         *("Plain", "repeated behaviour", (), ("stiffness", "viscosity", "inertia"), ()),
         ("gain = 1.0", "label = 'none'"),
     )
-    assert describe("ready").settings[0] == "window = 0.7"
 
 
 def test_channels_and_skip_are_checked_wherever_a_method_begins():
@@ -290,7 +252,6 @@ def test_a_tuned_method_says_of_itself_what_the_method_says():
     kbr = tv.methods.parse("kbr:tuned=true")
     assert kbr.contiguous
     assert not tv.methods.parse("birf:tuned=true").contiguous
-    assert not kbr.quantities
     assert pickle.loads(pickle.dumps(kbr)) == kbr
     experiment = tv.study.Experiment(virtual=1, methods=["kbr:tuned=true", "kbr"])
     assert all(each.method.contiguous for each in experiment.analyses)

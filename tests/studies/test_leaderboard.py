@@ -5,7 +5,6 @@ The scores are compared with slow and closed forms.
 
 import hashlib
 import re
-import textwrap
 
 import numpy as np
 import pandas as pd
@@ -15,24 +14,18 @@ from scipy.stats import gmean
 from tests.synthetic import SQUARE, results_of
 
 import tvsysid as tv
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import InputError
 from tvsysid.methods import METHODS
 from tvsysid.simulate import SYSTEMS
 from tvsysid.studies import leaderboard
 
 TINY = {
-    "methods": ("sds", "lpv", "entered"), "trials": 2, "duration_s": 20.0, "snr_db": 10.0,
+    "methods": ("sds", "lpv", "sds:window=0.1"), "trials": 2, "duration_s": 20.0, "snr_db": 10.0,
     "stiffness": "square", "perturbation": "noise", "viscosity": "constant", "system": "joint",
 }  # fmt: skip
 OWN = """
 import numpy as np
 import tvsysid as tv
-
-class Needy(tv.Method):
-    def __init__(self, order):
-        self.order = order
-    def fit(self, ensemble):
-        return ensemble
 
 class Spring:
     def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
@@ -46,28 +39,10 @@ NUMBER = 3
 
 
 @pytest.fixture
-def installed(tmp_path, monkeypatch):
-    """A package that offers an entry and scenarios."""
-    info = tmp_path / "mypackage-1.2.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mypackage\nVersion: 1.2\n")
-    points = """\
-        [tvsysid.methods]
-        entered = tvsysid.methods:ShortDataSegments
-        [tvsysid.scenarios]
-        spring = own_scenarios:SPRING
-        number = own_scenarios:NUMBER
-        gone = own_scenarios:GONE
-        """
-    (info / "entry_points.txt").write_text(textwrap.dedent(points))
+def own(tmp_path, monkeypatch):
+    """Offer a module with a scenario."""
     (tmp_path / "own_scenarios.py").write_text(OWN)
     monkeypatch.syspath_prepend(str(tmp_path))
-    return info / "entry_points.txt"
-
-
-def offer_needy(file):
-    """Offer a method beside, that cannot be made without a setting."""
-    file.write_text(file.read_text().replace("entered", "needy = own_scenarios:Needy\nentered"))
 
 
 def digest(study):
@@ -148,8 +123,7 @@ def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
 
 
 @pytest.fixture
-def tiny(installed, monkeypatch):
-    offer_needy(installed)
+def tiny(own, monkeypatch):
     whole = leaderboard.study_of
     monkeypatch.setattr(
         leaderboard, "study_of", lambda *given, **also: whole(*given, **TINY | also)
@@ -158,23 +132,21 @@ def tiny(installed, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("tiny")
-def test_the_command_ranks_entries_of_packages_in_scenarios_of_packages(tvsysid, tmp_path):
+def test_the_command_ranks_entries_in_scenarios_of_ones_own(tvsysid, tmp_path):
     secret = 3**50
-    command = f"leaderboard --scenario spring --seed {secret} --workers 1 --out out"
+    command = f"leaderboard --scenario own_scenarios:SPRING --seed {secret} --workers 1 --out out"
     code, out, err = tvsysid(command)
     assert code == 0, out + err
     assert "skipped" not in err
     assert "by trying" not in err
-    assert "needy" in err
     table = pd.read_csv(tmp_path / "out" / "leaderboard.csv").set_index("entry")
-    assert table["rank"].to_dict() == {"sds": 1, "entered": 1, "lpv": 3}
-    expected = [0, 0, "mypackage 1.2"]
-    assert table.loc["entered", ["behind", "behind_error", "origin"]].tolist() == expected
+    assert table["rank"].to_dict() == {"sds": 1, "sds:window=0.1": 1, "lpv": 3}
+    assert table.loc["sds:window=0.1", ["behind", "behind_error"]].tolist() == [0, 0]
     assert table.loc["lpv", ["score", "answered"]].tolist() == [100, 0]
     by_scenario = table[["square-noise-20s-10dB", "own_scenarios_Spring-own-prbs-20s-10dB"]]
     np.testing.assert_allclose(table.score, gmean(by_scenario, axis=1), rtol=1e-5)
     text = (tmp_path / "out" / "leaderboard.html").read_text()
-    assert "First: sds, entered." in text
+    assert "First: sds, sds:window=0.1." in text
     assert "lpv skipped 4 of 4" in " ".join(re.sub("<.+?>", " ", text).split())
     assert hashlib.sha256(f"tvsysid leaderboard 1 seed {secret}".encode()).hexdigest() in text
     assert str(secret) not in text + (tmp_path / "out" / "leaderboard.csv").read_text()
@@ -194,34 +166,18 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
     assert b"which is public" not in pages[0]
 
 
-@pytest.mark.usefixtures("installed")
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        (
-            "spin",
-            "unknown scenario 'spin'; expected one of gone, number, spring, or your own as mod",
-        ),
-        ("number", "scenario 'number' must be a table of settings, got 3"),
-    ],
-)
-def test_scenarios_that_cannot_be_used(name, said):
-    with pytest.raises(InputError, match=said):
-        leaderboard.study_of(scenarios=[name])
-
-
-def test_installed_methods_take_part_if_they_can(installed):
-    offer_needy(installed)
-    with pytest.warns(DataQualityWarning, match="'needy': TypeError: .* 'order'; it is left out"):
-        entries = leaderboard.study_of(["own_scenarios:Needy:order=3"]).methods
-    others = {"entered", "own_scenarios:Needy:order=3", "birf:reference=disturbance"}
-    assert set(METHODS) | others < set(entries)
-    assert "needy" not in entries
-
-
-@pytest.mark.usefixtures("installed")
-def test_scenarios_of_packages_are_in_studies_too(tmp_path):
-    (tmp_path / "study.toml").write_text('also = ["spring"]\nmethods = "sds"\n')
+@pytest.mark.usefixtures("own")
+def test_scenarios_of_ones_own_are_in_studies_too(tmp_path):
+    (tmp_path / "study.toml").write_text('also = ["own_scenarios:SPRING"]\nmethods = "sds"\n')
     study = tv.study.Study.from_toml(tmp_path / "study.toml")
     assert study.scenarios[-1].label == "own_scenarios_Spring-own-prbs-20s-10dB"
-    assert study.also == tv.study.Study(also="own_scenarios:SPRING").also
+    entries = leaderboard.study_of(["sds:window=0.2"]).methods
+    assert {*METHODS, "sds:window=0.2", "birf:reference=disturbance"} == set(entries) - {
+        "kbr:reference=disturbance,weighting=residual"
+    }
+    for name, said in (
+        ("spin", "scenario 'spin': ModuleNotFoundError"),
+        ("own_scenarios:NUMBER", "scenario 'own_scenarios:NUMBER' must be a table of settings"),
+    ):
+        with pytest.raises(InputError, match=said):
+            leaderboard.study_of(scenarios=[name])

@@ -21,7 +21,7 @@ def leaderboard(
 ) -> int:
     """Rank methods by one score, on simulated joints that are the same for everybody.
 
-    Entries are the package's methods, those of installed packages, and those given with `--method`.
+    Entries are the package's methods, and those given with `--method`.
     Each identifies joints whose angle is imposed, with a reflex, in closed loop, and scheduled by a
     measured variable. The score is the error of the stiffness in per cent of its mean, with its
     standard error; entries whose scores do not differ significantly share a rank.
@@ -42,8 +42,7 @@ def leaderboard(
     Parameters
     ----------
     scenario
-        Further scenario, of an installed package or as `module:name`; repeatable. The table is then
-        not that of the version.
+        Further scenario, as `module:name`; repeatable. The table is then not that of the version.
     trials
         Trials of each scenario, fewer to try it out. [10, which the version has]
     seed

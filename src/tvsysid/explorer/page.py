@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import get_args
@@ -15,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tvsysid.errors import InputError, describe_error
 from tvsysid.explorer.outcome import Outcome, outcome
 from tvsysid.explorer.settings import Settings, method_settings, settings_from
-from tvsysid.methods import describe, key_of, names
+from tvsysid.methods import METHODS, describe, key_of
 from tvsysid.methods.settings import split_settings
 from tvsysid.recordings.reading import AngleUnit, Columns, TorqueUnit
 from tvsysid.recordings.saved import save_settings
@@ -45,11 +44,9 @@ def page(start: Settings, channels: Mapping[str, str]) -> str:
     """
     key = key_of(start.method)
     groups: dict[str, dict[str, tuple[str, dict[str, str]]]] = {}
-    for name in dict.fromkeys((key, *names())):
-        # An installed method that cannot be loaded is left out.
-        with suppress(*[] if name == key else [InputError]):
-            about = describe(name)
-            groups.setdefault(about.purpose, {})[name] = about.title, method_settings(name)
+    for name in dict.fromkeys((key, *METHODS)):
+        about = describe(name)
+        groups.setdefault(about.purpose, {})[name] = about.title, method_settings(name)
     is_file = isinstance(start.source, Path)
     return (
         _templates()

@@ -27,7 +27,6 @@ from tvsysid.methods.registry import (
     key_of,
     label_of,
     load,
-    names,
     parse,
     resolve,
     to_text,

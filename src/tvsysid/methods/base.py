@@ -5,18 +5,9 @@ from __future__ import annotations
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from time import perf_counter
-from typing import (
-    TYPE_CHECKING,
-    Any,
-    ClassVar,
-    Generic,
-    Literal,
-    NamedTuple,
-    Self,
-    TypeVar,
-)
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import attrs
 import numpy as np
@@ -32,8 +23,6 @@ from tvsysid.validators import one_of, with_settings
 if TYPE_CHECKING:
     from tvsysid.methods.tuning import Evidence
 
-Number = TypeVar("Number", np.float64, np.complex128)
-AnyMethod = TypeVar("AnyMethod", bound="Method")
 ROUNDING = 1e-12  # share of the largest value
 Kind = Literal["input", "reference", "scheduling"]
 
@@ -62,10 +51,10 @@ class Input:
     unit: str
 
 
-class Choice(NamedTuple, Generic[AnyMethod]):
+class Choice(NamedTuple):
     """Method with settings that were chosen from data, and the evidence for them."""
 
-    method: AnyMethod
+    method: Any
     evidence: Evidence
 
 
@@ -88,12 +77,8 @@ class Method(ABC):
     inputs
         Channels that the method reads in addition to angle and torque.
     quantities
-        Quantities estimated over time in addition to stiffness, viscosity and inertia: names, or
-        units by name.
-    sometimes
-        Quantities estimated in some data only, in words.
-    scheduled_quantities
-        Quantities estimated over a measured variable, with the maximum number of values of each.
+        Names of quantities that it always estimates in addition to stiffness, viscosity and
+        inertia.
     pathway_names
         Pathways of its models, if there are several.
     contiguous
@@ -124,9 +109,7 @@ class Method(ABC):
     differs: ClassVar[str] = ""
     cites: ClassVar[tuple[str, ...]] = ()
     inputs: ClassVar[tuple[Input, ...]] = ()
-    quantities: ClassVar[Iterable[str] | Mapping[str, str]] = ()
-    sometimes: ClassVar[tuple[str, ...]] = ()
-    scheduled_quantities: ClassVar[Mapping[str, int]] = {}
+    quantities: ClassVar[tuple[str, ...]] = ()
     pathway_names: ClassVar[tuple[str, ...]] = ()
     contiguous: ClassVar[bool] = False
     time_invariant: ClassVar[bool] = False
@@ -197,7 +180,7 @@ class Method(ABC):
         """
         return self.identify(ensemble)
 
-    def tuned(self, ensemble: Ensemble) -> Choice[Self]:
+    def tuned(self, ensemble: Ensemble) -> Choice:
         """Choose settings from the realizations, whose mean is subtracted.
 
         Return the method with these settings, and the evidence: the settings that were tried, with
@@ -297,10 +280,7 @@ def fitting_lags(name: str, max_lag: float, ensemble: Ensemble) -> int:
 
 def check_window(what: str, samples: int, ensemble: Ensemble) -> None:
     """Raise if no sample of a realization has a whole window around it."""
-    if (
-        missing_edge(samples // 2, ensemble) * 2 >= ensemble.samples
-        or samples > ensemble.angle.shape[1]
-    ):
+    if missing_edge(samples // 2, ensemble) * 2 >= ensemble.samples:
         raise InputError(
             f"{what} need {samples} samples, a realization has {ensemble.samples} with "
             f"{ensemble.context} of context on either side; give shorter ones, or longer "
@@ -313,7 +293,7 @@ def missing_edge(reach: int, ensemble: Ensemble) -> int:
     return max(0, reach - ensemble.context)
 
 
-def padded(values: NDArray[Number], early: int, late: int | None = None) -> NDArray[Number]:
+def padded(values: NDArray[Any], early: int, late: int | None = None) -> NDArray[Any]:
     """Add rows of NaN at the ends of the first axis, by default as many late as early ones."""
     edges = [(early, early if late is None else late)] + [(0, 0)] * (values.ndim - 1)
     return np.pad(values, edges, constant_values=np.nan)

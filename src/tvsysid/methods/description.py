@@ -47,14 +47,11 @@ def describe(text: str) -> Description:
         needs.append(f"a perturbation of this kind: {method.perturbation}")
     if method.contiguous:
         needs.append("realizations that follow each other")
-    if getattr(method, "emg", "") is None:
-        needs.append("EMG, if emg= names its channel")
-    quantities = dict.fromkeys([*IMPEDANCE, *method.quantities, *method.scheduled_quantities])
     return Description(
         title=method.title,
         purpose=purpose,
         needs=tuple(needs),
-        reports=(*quantities, *method.sometimes, *reports),
+        reports=(*dict.fromkeys([*IMPEDANCE, *method.quantities]), *reports),
         assumptions=method.assumptions,
         settings=tuple(f"{name} = {value!r}" for name, value in settings_of(method).items()),
     )

@@ -1,4 +1,4 @@
-"""Find methods by name: the package's own, those of installed packages, and ``module:Class``.
+"""Find methods by name: the package's own, and ``module:Class``.
 
 User-defined systems, profiles, perturbations and scenarios are found in the same way.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Container, Iterable, Mapping
-from importlib.metadata import EntryPoint, entry_points
 from operator import attrgetter
 from typing import Any
 
@@ -58,53 +57,18 @@ CLOSED_LOOP = (  # for a joint in closed loop; the channel "disturbance" holds t
     "birf:reference=disturbance",
     "kbr:reference=disturbance,weighting=residual",
 )
-ENTRY_POINTS = {"method": "tvsysid.methods", "scenario": "tvsysid.scenarios"}
 # Attribute that an object of each kind must have.
 ATTRIBUTES = {"system": "simulate", "profile": "__call__", "perturbation": "generate"}
 
 
 def expand(methods: Iterable[Any]) -> list[Any]:
     """Return methods, with those of a group in its place: ``"published"`` or ``"all"``."""
-    groups = {"published": PAPER_METHODS, "all": names()}
+    groups = {"published": PAPER_METHODS, "all": METHODS}
     return [
         method
         for item in methods
         for method in (groups.get(item, (item,)) if isinstance(item, str) else (item,))
     ]
-
-
-def names() -> tuple[str, ...]:
-    """Return the keys of all methods: the package's own, then those of installed packages.
-
-    Nothing is loaded. An installed method that has one of the package's own keys is ignored.
-
-    Examples
-    --------
-    >>> names()[:5]
-    ('eirf', 'sds', 'birf', 'esm', 'kbr')
-    """
-    return (*METHODS, *(name for name in installed() if name not in METHODS))
-
-
-def installed(kind: str = "method") -> dict[str, EntryPoint]:
-    """Return the methods or scenarios of installed packages by name, sorted. Nothing is loaded."""
-    points = entry_points(group=ENTRY_POINTS[kind]) if kind in ENTRY_POINTS else ()
-    return {point.name: point for point in sorted(points, key=attrgetter("name"))}
-
-
-def origin_of(text: str) -> str:
-    """Return the package and version, or the module, that defines a method.
-
-    Examples
-    --------
-    >>> origin_of("mymodule:MyMethod:order=3")
-    'mymodule'
-    """
-    key = key_of(text)
-    if key in METHODS:
-        return "tvsysid"
-    distribution = getattr(installed().get(key), "dist", None)
-    return f"{distribution.name} {distribution.version}" if distribution else key.partition(":")[0]
 
 
 def parse(text: str) -> Method:
@@ -151,11 +115,16 @@ def from_text(text: str, kind: str, known: Mapping[str, object] | None = None) -
     """
     known = METHODS if known is None else known
     key, rest = _split(text, known)
-    target, label = known.get(key) or find(key, kind, known), f"{kind} {text!r}"
-    if not _is_a(kind, target):
-        name = getattr(target, "__name__", type(target).__name__)
-        expected = f"has no {ATTRIBUTES[kind]}" if kind in ATTRIBUTES else "is no tvsysid.Method"
-        raise InputError(f"{label}: {name} {expected}")
+    if key not in known and ":" not in key:
+        raise InputError(
+            f"unknown {kind} {key!r}; expected one of {', '.join(known)}, or your own as "
+            "module:Object"
+        )
+    target, label = known[key] if key in known else load(key, kind), f"{kind} {text!r}"
+    if kind == "method" and not _is_method(target):
+        raise InputError(f"{label} is no tvsysid.Method")
+    if not hasattr(target, attribute := ATTRIBUTES.get(kind, "__doc__")):
+        raise InputError(f"{label} has no {attribute}")
     own = {}
     if not isinstance(target, type):
         if not rest:
@@ -165,6 +134,10 @@ def from_text(text: str, kind: str, known: Mapping[str, object] | None = None) -
         return _made(target, **own | settings_from_text(rest, target))
     except Exception as error:
         raise InputError(f"{label}: {describe_error(error)}") from error
+
+
+def _is_method(value: object) -> bool:
+    return isinstance(value, Method) or (isinstance(value, type) and issubclass(value, Method))
 
 
 def _made(target: Any, tuned: bool = False, preset: str | None = None, **settings: Any) -> Any:
@@ -178,20 +151,6 @@ def resolve(value: object, known: Mapping[str, object], kind: str) -> Any:
     return from_text(value, kind, known) if isinstance(value, str) else value
 
 
-def find(key: str, kind: str, known: Iterable[str] = METHODS) -> Any:
-    """Import the class or object of an installed package's key, or ``package.module:Name``."""
-    if ":" in key:
-        return load(key, kind)
-    points = installed(kind)
-    if key not in points:
-        listed = ", ".join(dict.fromkeys([*(known if kind != "scenario" else ()), *points]))
-        raise InputError(
-            f"unknown {kind} {key!r}; expected one of {listed or 'none'}, or your own as "
-            "module:Object"
-        )
-    return load(f"{points[key].module}:{points[key].attr}", kind)
-
-
 def load(name: str, kind: str = "object") -> Any:
     """Import the class or object ``package.module:Name``. The ``kind`` is for messages.
 
@@ -201,27 +160,13 @@ def load(name: str, kind: str = "object") -> Any:
         If there is no such module or name, or the module fails while it is imported.
     """
     where, _, path = name.partition(":")
-    label = f"{kind} {name!r}: module {where!r}"
     importlib.invalidate_caches()  # the file may have been written a moment ago
     try:
-        module = importlib.import_module(where)
+        return attrgetter(path)(importlib.import_module(where))
     except (Exception, SystemExit) as error:
-        hint = "; a module is named without its folder and without .py"
         is_missing = isinstance(error, (ModuleNotFoundError, TypeError))
-        reason = f"cannot be imported: {describe_error(error)}{hint * is_missing}"
-        raise InputError(f"{label} {reason}") from error
-    try:
-        return attrgetter(path)(module)
-    except AttributeError as error:
-        found = ", ".join(name for name, each in vars(module).items() if _is_a(kind, each))
-        raise InputError(f"{label} has no {path!r}; its {kind}s are {found or 'none'}") from error
-
-
-def _is_a(kind: str, value: object) -> bool:
-    """Return whether an object is a method, or has the attribute that another kind needs."""
-    if kind == "method":
-        return isinstance(value, Method) or (isinstance(value, type) and issubclass(value, Method))
-    return hasattr(value, ATTRIBUTES.get(kind, "__doc__"))
+        hint = "; a module is named without its folder and without .py" * is_missing
+        raise InputError(f"{kind} {name!r}: {describe_error(error)}{hint}") from error
 
 
 def to_text(method: Method) -> str:

@@ -122,7 +122,7 @@ class Tuned(Method):
         """Return the title of the method."""
         return f"{self.method.title}, tuned"
 
-    def tuned(self, ensemble: Ensemble) -> Choice[Any]:
+    def tuned(self, ensemble: Ensemble) -> Choice:
         """Choose the settings."""
         return self.method.tuned(ensemble)
 

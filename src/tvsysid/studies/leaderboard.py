@@ -7,7 +7,6 @@ has no times, machines or folders, so that it repeats.
 from __future__ import annotations
 
 import hashlib
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,10 +14,8 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.figures import Illustration, draw_all, leaderboard
-from tvsysid.methods import CLOSED_LOOP, names, parse
-from tvsysid.methods.registry import origin_of
+from tvsysid.methods import CLOSED_LOOP, METHODS
 from tvsysid.numerics import Array
 from tvsysid.report import write_leaderboard_page
 from tvsysid.studies.published_study import write_tables
@@ -77,20 +74,12 @@ PICTURE = (
 def study_of(
     entries: Sequence[object] = (), scenarios: Sequence[object] = (), **changes: Any
 ) -> Study:
-    """Return the leaderboard's study: methods of the package, of installed packages, and others.
+    """Return the leaderboard's study: methods of the package, and others.
 
-    Further ``scenarios`` and ``changes`` of settings make it another one than the version's. An
-    installed method that cannot be made as it is is left out, with a warning.
+    Further ``scenarios`` and ``changes`` of settings make it another one than the version's.
     """
     first, *others = (each._asdict() for each in KINDS)
-    installed = list(names())
-    for name in names():
-        try:
-            parse(name)
-        except InputError as error:
-            warnings.warn(f"{error}; it is left out", DataQualityWarning, stacklevel=2)
-            installed.remove(name)
-    methods = dict.fromkeys((*installed, *CLOSED_LOOP, *entries))
+    methods = dict.fromkeys((*METHODS, *CLOSED_LOOP, *entries))
     fixed: dict[str, Any] = {
         "subtract_mean": True,
         "trials": TRIALS,
@@ -160,7 +149,7 @@ def ranks_of(scores: Array, replicates: Array) -> dict[str, Array]:
 def standings(results: xr.Dataset, groups: Mapping[str, list[str]]) -> pd.DataFrame:
     """Return a row for each entry, in order of score.
 
-    Columns rank, entry, origin, score, score_error (standard), behind (gap to the leader of its
+    Columns rank, entry, score, score_error (standard), behind (gap to the leader of its
     rank, or of the next better one), behind_error, coverage (mean over scenarios with a band),
     answered (scenarios with an estimate), the score in each group of scenarios, and the error in
     each scenario; in %.
@@ -175,7 +164,6 @@ def standings(results: xr.Dataset, groups: Mapping[str, list[str]]) -> pd.DataFr
     columns = {
         "rank": ranks.pop("rank"),
         "entry": entries,
-        "origin": [origin_of(entry) for entry in entries],
         "score": score,
         "score_error": replicates.std(axis=0),
         **ranks,

@@ -14,7 +14,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import STUDIED_METHODS, Method, label_of, resolve
-from tvsysid.methods.registry import find
+from tvsysid.methods.registry import load
 from tvsysid.simulate import (
     PERTURBATIONS,
     PROFILES,
@@ -79,7 +79,7 @@ def _to_tables(values: Any) -> tuple[Mapping[str, Any], ...]:
     """Return tables of further scenarios from tables, or from names of tables."""
     tables = []
     for value in to_tuple(values):
-        table = find(value, "scenario") if isinstance(value, str) else value
+        table = load(value, "scenario") if isinstance(value, str) else value
         check_keys(table, (*Scenario._fields, "methods"), f"also: scenario {value!r}")
         tables.append(table)
     return tuple(tables)
@@ -113,8 +113,7 @@ class Study(Settings):
         those of the scenario.
     also
         Further scenarios: mappings of the settings above and of ``methods``, each a grid of its
-        own. What is not given is as above. A name stands for such a mapping of an installed
-        package; ``"module:name"`` for one of your own.
+        own. What is not given is as above. ``"module:name"`` stands for such a mapping.
     rate, period
         Rate in Hz to which the data are decimated, and duration of a realization in s.
     subtract_mean

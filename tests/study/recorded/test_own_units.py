@@ -7,8 +7,6 @@ from tvsysid.study import Experiment, run, summarize
 
 
 class Sloped(tv.Method):
-    quantities = {"emg_slope": "N m/V", "ratio": ""}  # noqa: RUF012
-
     def fit(self, ensemble):
         estimates = dict(tv.ShortDataSegments().fit(ensemble).estimates)
         estimates["emg_slope"] = tv.Estimate(np.full(ensemble.samples, 3.0), "N m/V")

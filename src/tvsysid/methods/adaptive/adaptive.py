@@ -131,7 +131,6 @@ class AdaptiveRegression(base.Method):
         "the data; birf is more exact where the functions of time are known.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
-    sometimes = ("reflex_gain, and the torque of each pathway, where a reflex is shown",)
     differs = (
         "How fast stiffness changes is found from the data, and the band covers how uncertain that "
         "is; the torque of a reflex that is shown is not included in the stiffness."

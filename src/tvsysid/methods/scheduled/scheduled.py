@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from tvsysid.methods import base
 from tvsysid.methods.cascade.columns import second_order_fit
 from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, history
-from tvsysid.methods.scheduled.model import GRID, Curves, Orders, Part, Parts, ScheduledModel
+from tvsysid.methods.scheduled.model import Curves, Orders, Part, Parts, ScheduledModel
 from tvsysid.methods.scheduled.regression import Regression
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.models import IMPEDANCE, Diagnostics
@@ -62,13 +62,9 @@ class Scheduled(base.Method):
 
     @property
     def quantities(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Return the reflex gain, if there is a reflex."""
-        return ("reflex_gain",) * self.reflex
-
-    @property
-    def scheduled_quantities(self) -> dict[str, int]:  # type: ignore[override]
-        """Return all quantities over the scheduling variable."""
-        return {f"scheduled_{name}": GRID for name in (*IMPEDANCE, *self.quantities)}
+        """Return all quantities over the scheduling variable, and the reflex gain over time."""
+        gain = ("reflex_gain",) * self.reflex
+        return (*gain, *(f"scheduled_{name}" for name in (*IMPEDANCE, *gain)))
 
     @property
     def pathway_names(self) -> tuple[str, ...]:  # type: ignore[override]

@@ -20,20 +20,20 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
     angle, torque, signals = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
     solution = pseudoinverse.full(phi_uu, phi_uy)
-    matrix, fitted = second_order.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
-    found = np.einsum("tml,tl->tm", matrix, phi_uy)
-    np.testing.assert_allclose(found[:, 0], solution.weights.sum(axis=1), rtol=1e-9)
     for time in (0, 20, 47):
+        matrix, fitted = second_order.second_order_readout(
+            phi_uu[time], phi_uy[time], solution.inverse[time], RATE
+        )
+        found = matrix @ phi_uy[time]
+        assert found[0] == pytest.approx(solution.weights[time].sum(), rel=1e-9)
         regressors, output = signals[:, :, time].T, torque[:, LAGS + time]
         expected = np.linalg.lstsq(regressors, output, rcond=None)[0]
-        np.testing.assert_allclose(found[time, 1:], expected[1:], rtol=1e-6)
-        assert fitted[time] == pytest.approx(np.mean((regressors @ expected) ** 2), rel=1e-6)
+        np.testing.assert_allclose(found[1:], expected[1:], rtol=1e-6)
+        assert fitted == pytest.approx(np.mean((regressors @ expected) ** 2), rel=1e-6)
         inputs = angle[:, time : time + 2 * LAGS + 1]
         left = output - regressors @ expected
         explained = inputs @ np.linalg.lstsq(inputs, left, rcond=None)[0]
-        assert solution.explained[time] - fitted[time] == pytest.approx(
-            np.mean(explained**2), rel=1e-4
-        )
+        assert solution.explained[time] - fitted == pytest.approx(np.mean(explained**2), rel=1e-4)
 
 
 def test_second_order_fit(random):
@@ -49,10 +49,6 @@ def test_second_order_fit(random):
 
 
 def test_agreement():
-    fitted, beyond, chance = np.array([3.0, 5.0]), np.array([1.0, 1.0]), np.array([0.5, 0.5])
-    assert second_order.agreement(fitted, beyond, chance) == pytest.approx(90.0)
-    assert second_order.agreement(fitted, chance, beyond) == 100.0
-    assert second_order.agreement(np.array([np.nan, 5.0]), beyond, chance) == pytest.approx(
-        100 * (1 - 0.5 / 6)
-    )
-    assert np.isnan(second_order.agreement(fitted * np.nan, beyond, chance))
+    assert second_order.agreement(8.0, 2.0, 1.0) == pytest.approx(90.0)
+    assert second_order.agreement(8.0, 1.0, 2.0) == 100.0
+    assert np.isnan(second_order.agreement(np.nan, 2.0, 1.0))

@@ -97,12 +97,12 @@ class ParallelCascade(base.Method):
         drive, turn = constant_cascade(ensemble, lags, before)
         (gram, cross, _, number), rate = turn.details.moments, ensemble.sampling_rate
         gram, cross, found = gram / number, cross / number, turn.details.first
-        readout, fitted = second_order_readout(gram[None], cross[None], found.inverse[None], rate)
+        readout, fitted = second_order_readout(gram, cross, found.inverse, rate)
         # Of so many samples, chance explains nothing.
-        agrees = agreement(fitted, found.explained - fitted, np.zeros(1))
+        agrees = agreement(fitted, float(found.explained) - fitted, 0.0)
         times = ensemble.samples - 2 * base.missing_edge(lags, ensemble)
         weights, impedance = (
-            np.tile(each, (times, 1)) for each in (found.weights, readout[0] @ cross)
+            np.tile(each, (times, 1)) for each in (found.weights, readout @ cross)
         )
         diagnostics = Diagnostics(float(turn.details.rank))
         plain = shared.impulse_response_model(ensemble, weights, impedance, diagnostics, {})

@@ -208,12 +208,12 @@ def second_order(
         np.asarray(np.linalg.pinv(each, ROUNDING, True)) for each in (moments, own)
     )
     cross = moments @ response
-    (readout,), (fitted,) = second_order_readout(moments[None], cross[None], inverse[None], rate)
+    readout, fitted = second_order_readout(moments, cross, inverse, rate)
     effects = readout @ moments @ own_inverse @ left.signals.T / count
     lags = round(MAX_COLOUR_S * rate)
     taper = 1 - np.arange(lags + 1) / (lags + 1)
     variances = np.diag(coloured_moments(effects, noise, taper)) * count / freedom
     chance = noise @ noise / freedom / count * np.trace(own_inverse @ moments)
-    powers = fitted, cross @ response - fitted, chance * (1 - 3 / len(response))
-    agrees = agreement(*np.array(powers)[:, None])
+    beyond = float(cross @ response) - fitted
+    agrees = agreement(fitted, beyond, float(chance) * (1 - 3 / len(response)))
     return readout @ cross, np.sqrt(np.maximum(variances, 0.0)), agrees

@@ -67,25 +67,23 @@ def truncated(
     return _solution(vectors, projections, reciprocal, np.argmin(cost, axis=1) + 1)
 
 
-def full(phi_uu: Array, phi_uy: Array, least: float = 0.0) -> Solution:
+def full(phi_uu: Array, phi_uy: Array) -> Solution:
     r"""Solve :math:`\Phi w = \varphi` at each time in all directions that are determined.
 
-    Every singular value above rounding, and above the share ``least`` of the largest, is used.
+    Every singular value above rounding is used.
     """
-    vectors, projections, reciprocal = _spectrum(phi_uu, phi_uy, least)
+    vectors, projections, reciprocal = _spectrum(phi_uu, phi_uy)
     return _solution(vectors, projections, reciprocal, np.count_nonzero(reciprocal, axis=1))
 
 
-def _spectrum(phi_uu: Array, phi_uy: Array, least: float = 0.0) -> tuple[Array, Array, Array]:
+def _spectrum(phi_uu: Array, phi_uy: Array) -> tuple[Array, Array, Array]:
     """Return eigenvectors, projections of phi_uy and reciprocals of the eigenvalues.
 
-    The largest eigenvalue comes first. The reciprocal of an eigenvalue is 0 if it is rounding, or
-    below the share ``least`` of the largest.
+    The largest eigenvalue comes first. The reciprocal of an eigenvalue is 0 if it is rounding.
     """
     values, vectors = np.linalg.eigh(phi_uu)
     values, vectors = values[:, ::-1], vectors[:, :, ::-1]
-    least = max(least, values.shape[1] * np.finfo(float).eps)
-    usable = values > least * values[:, :1]
+    usable = values > values.shape[1] * np.finfo(float).eps * values[:, :1]
     return (
         vectors,
         (phi_uy[:, None, :] @ vectors)[:, 0],

@@ -8,7 +8,7 @@ import numpy as np
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
-from tvsysid.numerics.moments import diagonal_moments, window_matrices
+from tvsysid.numerics.moments import lagged_moments
 
 ROUNDING = (
     1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
@@ -19,7 +19,7 @@ SINGULAR = 1e-9
 
 def second_order_readout(
     phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
-) -> tuple[Array, Array]:
+) -> tuple[Array, float]:
     r"""Return the matrix that gives stiffness, viscosity and inertia from correlations.
 
     Stiffness is the area under the impulse response; the others follow from a second-order fit.
@@ -34,19 +34,15 @@ def second_order_readout(
     band in which the input has power, and needs no truncation: three numbers are determined where
     an impulse response is not.
 
-    From the correlations of :func:`tvsysid.numerics.moments.lagged_moments` and the
-    pseudo-inverse, truncated or not, by which the area follows: the matrix (time, 3, lag) that
-    times ``phi_uy`` gives the three, and the output's power that the fit explains (time,). NaN
-    where the input does not tell the three apart.
+    From mean correlations of lagged angles (lag, lag), those with the torque (lag,), and the
+    pseudo-inverse, truncated or not, by which the area follows: the matrix (3, lag) that times
+    ``phi_uy`` gives the three, and the output's power that the fit explains.
     """
-    derivative = derivative_filters(phi_uu.shape[1] // 2, sampling_rate)
-    filtered = phi_uu @ derivative.T
-    inverted = _inverses(derivative @ filtered)
-    fit = inverted @ derivative
-    cross = phi_uy @ derivative.T
-    found = (inverted @ cross[..., None])[..., 0]
-    matrix = np.concatenate([inverse.sum(axis=2)[:, None], fit[:, 1:]], axis=1)
-    return matrix, np.einsum("tm,tm->t", found, cross)
+    derivative = derivative_filters(len(phi_uy) // 2, sampling_rate)
+    moments, cross = derivative @ phi_uu @ derivative.T, derivative @ phi_uy
+    (found,), (inverted,) = second_order_fit(moments[None], cross[None])
+    matrix = np.concatenate([inverse.sum(axis=1)[None], (inverted @ derivative)[1:]])
+    return matrix, float(found @ cross)
 
 
 class MomentFit(NamedTuple):
@@ -76,12 +72,9 @@ def derivative_moments(
 
     The times are those :data:`HALF_WIDTH` from both ends of angle and torque (realization, time).
     """
-    filters = derivative_filters(HALF_WIDTH, sampling_rate)[:, ::-1]
-    along = diagonal_moments(angle, angle, 2 * HALF_WIDTH)
-    inner = torque[:, HALF_WIDTH : torque.shape[1] - HALF_WIDTH]
-    cross = diagonal_moments(inner, angle, 2 * HALF_WIDTH) @ filters.T
-    square = np.einsum("rt,rt->t", inner, inner) / len(inner)
-    return filters @ (window_matrices(along, along) @ filters.T), cross, square
+    filters = derivative_filters(HALF_WIDTH, sampling_rate)
+    phi_uu, phi_uy, square, _ = lagged_moments(angle, torque, HALF_WIDTH)
+    return filters @ phi_uu @ filters.T, phi_uy @ filters.T, square
 
 
 def derivative_filters(lags: int, sampling_rate: float) -> Array:
@@ -89,20 +82,17 @@ def derivative_filters(lags: int, sampling_rate: float) -> Array:
     return np.asarray(derivative_weights(lags) * sampling_rate ** np.arange(3.0)[:, None])
 
 
-def agreement(fitted: Array, beyond: Array, chance: Array) -> float:
+def agreement(fitted: float, beyond: float, chance: float) -> float:
     r"""Return the share of the linearly dependent output that a second-order fit explains, in %.
 
-    .. math:: 100\,\% \left(1 - \frac{\sum_t (e(t) - c(t))}{\sum_t (f(t) + e(t))}\right)
+    .. math:: 100\,\% \left(1 - \frac{e - c}{f + e}\right)
 
     with f the output's power that is ``fitted``, e what lagged inputs explain ``beyond`` and c
-    what noise alone makes of that, (time,). No more than 100 %, NaN where nothing can be said.
+    what noise alone makes of that. No more than 100 %, NaN where nothing can be said.
     On a joint that is of second order lagged inputs explain more than the fit by chance only.
     """
-    known = np.isfinite(fitted) & np.isfinite(beyond) & np.isfinite(chance)
-    total = float(np.sum((fitted + beyond)[known]))
-    if total <= 0:
-        return float("nan")
-    return 100 * min(1.0, 1 - float(np.sum((beyond - chance)[known])) / total)
+    total = fitted + beyond
+    return 100 * min(1.0, 1 - (beyond - chance) / total) if total > 0 else float("nan")
 
 
 def agreement_of_moments(
@@ -119,8 +109,7 @@ def agreement_of_moments(
     values, vectors = np.linalg.eigh(moments)
     kept = np.abs(values) > ROUNDING * np.abs(values).max()
     answer = float(np.sum((cross @ vectors)[kept] ** 2 / values[kept]))
-    chance = len(cross) * left / samples
-    return agreement(*(np.array([value]) for value in (fitted, answer, chance)))
+    return agreement(fitted, answer, len(cross) * left / samples)
 
 
 def _inverses(matrices: Array) -> Array:

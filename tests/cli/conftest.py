@@ -2,9 +2,12 @@
 
 import importlib
 import re
+from functools import cache
 
 import pytest
+from scipy.io import savemat
 
+import tvsysid as tv
 from tvsysid.errors import InputError
 from tvsysid.recommendation import Recommendation
 
@@ -15,6 +18,23 @@ def rows_of(out):
 
 
 IDENTIFY = "--angle angle --torque torque --rate 1000 --decimate 100 --period 2"
+
+
+@cache
+def simulated():
+    """Signals of a simulated joint, 40 s at 1000 Hz."""
+    simulation = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()).simulate(
+        40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=0
+    )
+    recording = simulation.recording
+    return {"angle": recording.angle[1000:-1000], "torque": recording.torque[1000:-1000]}
+
+
+@pytest.fixture
+def joint(tvsysid):
+    """Put a simulated recording of 40 s into joint.mat; return angle and torque."""
+    savemat("joint.mat", simulated() | {"sampling_rate": 1000.0}, oned_as="column")
+    return simulated()
 
 
 @pytest.fixture

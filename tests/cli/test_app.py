@@ -14,18 +14,8 @@ from tvsysid.cli.console import output
 from tvsysid.errors import DataQualityWarning
 from tvsysid.recordings import Reading, Segmentation
 
-FILES = []
 IDENTIFY_JOINT = f"identify joint.mat {IDENTIFY} "
 SIGNALS = "--angle angle --torque torque --rate 1000"
-
-
-@pytest.fixture
-def joint(tvsysid, tmp_path):
-    """Put a simulated recording of 40 s, which is made once, into joint.mat."""
-    if not FILES:
-        tvsysid("simulate joint.mat --duration 40")
-        FILES.append((tmp_path / "joint.mat").read_bytes())
-    (tmp_path / "joint.mat").write_bytes(FILES[0])
 
 
 @pytest.mark.parametrize("command", [name for name in app if not name.startswith("-")])

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 from tests.cli.conftest import IDENTIFY, rows_of
 
 import tvsysid as tv
@@ -18,14 +18,6 @@ from tvsysid.methods import PAPER_METHODS
 def identify(tvsysid):
     """Identify a file; return exit code, output and errors."""
     return lambda options="", file="joint.mat": tvsysid(f"identify {file} {IDENTIFY} {options}")
-
-
-@pytest.fixture
-def joint(tvsysid):
-    """Simulate a joint of 40 s in joint.mat; return angle and torque."""
-    tvsysid("simulate joint.mat --duration 40")
-    signals = loadmat("joint.mat")
-    return {name: signals[name] for name in ("angle", "torque")}
 
 
 def written(folder="tvsysid-identify"):

@@ -80,10 +80,6 @@ def test_imports_make_no_circle(name):
     graphlib.TopologicalSorter(graph).prepare()
 
 
-def test_there_are_at_most_nine_floors():
-    assert len(FLOORS) <= 9
-
-
 def test_truth_cannot_leak_into_an_estimator():
     for module, imported in IMPORTED.items():
         if room_of(module) == "methods":

@@ -25,20 +25,6 @@ def test_total_error_is_bias_and_random_error(estimates, truth):
     )
 
 
-def test_a_perfect_identification_has_the_best_value(random):
-    time = np.arange(200) / 100
-    truth, torque = tv.simulate.SquareWave()(time), random.normal(size=(4, 200))
-    for error in (metrics.bias_error, metrics.mean_bias, metrics.total_error):
-        assert error([truth, truth], truth) == 0
-    assert metrics.random_error([truth, truth]) == metrics.rise_time(time, [truth]) == 0
-    for share in (
-        metrics.vaf(torque, torque),
-        metrics.time_varying_vaf(torque, torque),
-        metrics.bandpassed_vaf(torque, torque, 100.0),
-    ):
-        np.testing.assert_allclose(share, 100)
-
-
 def test_coverage_includes_edges_and_leaves_out_times_without_band():
     nan = np.nan
     lower, upper = [[0.0, nan, 1.0], [1.5, nan, 2.0]], [[1.0, 5.0, 2.0], [3.0, nan, 3.0]]

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from functools import partial
 
 import h5py
 import numpy as np
@@ -63,21 +64,13 @@ def write_hdf5(file, angle, torque):
         root["run1/pos"] = angle
 
 
-def write_netcdf(file, angle, torque):
+def write_netcdf(file, angle, torque, engine="h5netcdf"):
     signals = {"pos": ("time", angle, {"units": "rad"}), "tq": ("time", torque, {"units": "N m"})}
+    signals["coarse"] = ("time", np.round(angle, 3))
     # From 2 bytes and a factor, as loggers store it, to the values that it stands for.
     encoding = {"coarse": {"dtype": "int16", "scale_factor": 0.001, "_FillValue": -32768}}
-    dataset = xr.Dataset(
-        {**signals, "coarse": ("time", np.round(angle, 3))}, attrs={"sampling_rate": 200.0}
-    )
-    dataset.to_netcdf(file, engine="h5netcdf", encoding=encoding)
-
-
-def write_netcdf_3(file, angle, torque):
-    signals = {"pos": ("time", angle, {"units": "rad"}), "tq": ("time", torque, {"units": "N m"})}
-    xr.Dataset(signals, attrs={"sampling_rate": 200.0}).to_netcdf(
-        file, engine="scipy", format="NETCDF3_CLASSIC"
-    )
+    dataset = xr.Dataset(signals, attrs={"sampling_rate": 200.0})
+    dataset.to_netcdf(file, engine=engine, encoding=encoding)
 
 
 def write_parquet(file, angle, torque):
@@ -226,7 +219,7 @@ WRITERS = {
     "ankle.h5": write_hdf5,
     "ankle.hdf5": write_hdf5,
     "ankle.nc": write_netcdf,
-    "classic.nc": write_netcdf_3,
+    "classic.nc": partial(write_netcdf, engine="scipy"),
     "ankle.parquet": write_parquet,
     "ankle.c3d": write_c3d,
     "ankle.nwb": write_nwb,

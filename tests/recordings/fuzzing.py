@@ -58,7 +58,7 @@ SEEDS = {
     "segments.mat": write_segdat,
 }
 SEEDS |= files.WRITERS | dict.fromkeys(OWN, write_own)
-MOTION, DESCRIPTIONS = "sub-1_motion.tsv", ("sub-1_channels.tsv", "sub-1_motion.json")
+DESCRIPTIONS = ("sub-1_channels.tsv", "sub-1_motion.json")  # of sub-1_motion.tsv
 COMPRESSED = ("version7.mat", "object.mat")
 
 
@@ -99,7 +99,9 @@ def sound_files(folder):
         content = (folder / name).read_bytes()
         if content[:6] == b"MATLAB":
             (folder / name).write_bytes(content[:20].ljust(116) + content[116:])
-    return {name: (folder / name).read_bytes() for name in (*SEEDS, *DESCRIPTIONS)}
+    for name in DESCRIPTIONS:
+        (folder / f"mutant-{name}").write_bytes((folder / name).read_bytes())
+    return {name: (folder / name).read_bytes() for name in SEEDS}
 
 
 def mutant(sound, seed, number):
@@ -177,11 +179,7 @@ def attack(folder, sound, reader, seed, numbers):
     """Yield the name of each mutant, how many channels could be read, and what went wrong."""
     for number in numbers:
         name, content = mutant(sound, seed, number)
-        for other in (MOTION, *DESCRIPTIONS):  # the others are sound
-            (folder / f"mutant-{other}").write_bytes(sound[other])
         file = folder / f"mutant-{name}"
         file.write_bytes(content)
-        count, wrong = reader.read(
-            file.with_name(f"mutant-{MOTION}") if name in DESCRIPTIONS else file
-        )
+        count, wrong = reader.read(file)
         yield name, count, [f"seed {seed}, number {number}: {each}" for each in wrong]

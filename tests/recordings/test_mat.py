@@ -86,10 +86,6 @@ def test_segments_of_a_segdat_are_trials(tmp_path, signals, kind, by_channel):
     parts = [signals[1][first - 1 : first - 1 + length] for first, length in pairs]
     np.testing.assert_array_equal(recording.torque, np.concatenate(parts))
     assert recording.trial_starts == (0, 200, 300)
-    reading = tv.recordings.Reading(**names, sampling_rate=200.0)
-    usable = tv.recordings.read_usable_trials({"P1": file}, reading, 0.6)
-    assert usable.names == ("P1, trial 1", "P1, trial 3")
-    np.testing.assert_array_equal(usable.recording.torque[200:], parts[2])
     with refused(r"3 segments with gaps between them; read each as a trial \(--columns tri"):
         read(file, **names | {"columns": "contiguous"})
 

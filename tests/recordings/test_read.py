@@ -129,14 +129,15 @@ def test_trials_that_cannot_be_joined_are_refused(days, random):
 
 def test_trials_that_cannot_be_used_are_left_out(tmp_path, random):
     trials = {name: random.normal(scale=0.1, size=(2, 50, 2)) for name in "abcd"}
-    trials["a"][0, 7, 1] = np.nan
+    trials["a"][0, 7, 1], trials["d"] = np.nan, trials["d"][:, :20]
     for name, (angle, torque) in trials.items():
         savemat(tmp_path / f"{name}.mat", {"pos": angle, "tq": torque})
     files = {name: tmp_path / f"{name}.mat" for name in "abcde"}
     reading = Reading(angle="pos", torque="tq", sampling_rate=100.0, columns="trials")
-    usable = tv.recordings.read_usable_trials(files, reading)
-    names = [f"{name}, trial {number}" for name in "abcd" for number in (1, 2)]
+    usable = tv.recordings.read_usable_trials(files, reading, 0.5)
+    names = [f"{name}, trial {number}" for name in "abc" for number in (1, 2)]
     assert [*usable.names] == [name for name in names if name != "a, trial 2"]
     assert usable.refused["a, trial 2"].startswith("angle: 1 of 50 values are NaN")
+    assert usable.refused["d, trial 2"].startswith("it lasts 0.2 s, less than the 0.5 s that a")
     assert usable.refused["e"] == "no such file"
-    assert len(usable.recording.trials) == 7
+    assert len(usable.recording.trials) == 5

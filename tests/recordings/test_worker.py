@@ -103,9 +103,6 @@ def test_paths_are_those_of_the_caller(sound, tmp_path, monkeypatch):
     for folder, path in ((tmp_path, "sound.mat"), (tmp_path / "inner", "../sound.mat")):
         monkeypatch.chdir(folder)
         assert describe_file(path)
-    strange = Path(os.fsdecode(b"\xff \xe4.mat"))
-    sound.rename(strange)
-    assert describe_file(strange)
     os.mkfifo("pipe.mat")
     with pytest.raises(tv.InputError, match=r"^pipe\.mat: no such file"):
         describe_file("pipe.mat")

@@ -10,7 +10,7 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError, describe_error
 from tvsysid.methods.base import Method
-from tvsysid.models import Model
+from tvsysid.models import OVER_TIME, Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess import bootstrap_weights
 from tvsysid.progress import Progress, no_progress
@@ -33,10 +33,9 @@ class Bootstrap:
     realizations
         Number of realizations in the ensemble.
     draws
-        Estimates of each draw by quantity, shape (draw, time) or (draw, value of a measured
-        variable). NaN where not identified. Means over realizations where the method has an
-        estimate for each of them. A quantity is left out if its variable has other values in some
-        draw. A draw is left out if the method could not identify it.
+        Estimates over time of each draw by quantity, shape (draw, time). NaN where not identified.
+        Means over realizations where the method has an estimate for each of them. A draw is left
+        out if the method could not identify it.
     """
 
     model: Model
@@ -46,48 +45,26 @@ class Bootstrap:
     def __repr__(self) -> str:
         return f"Bootstrap({', '.join(self.draws)} of {self.model.method})"
 
-    def band(
-        self, quantity: str = "stiffness", level: float = 0.95, simultaneous: bool = False
-    ) -> tuple[Array, Array]:
-        r"""Return the lower and upper limit of the band around the model's estimate of a quantity.
+    def band(self, quantity: str = "stiffness", level: float = 0.95) -> tuple[Array, Array]:
+        """Return the lower and upper limit of the band around the model's estimate of a quantity.
 
         The band contains the true value with the probability ``level``, between 0 and 1, at each
-        single time. If it is ``simultaneous``, it contains the true curve at all times at once with
-        this probability. It is NaN where fewer than two draws have an estimate.
+        single time. It is NaN where fewer than two draws have an estimate.
 
         Raises
         ------
         InputError
             For a level that is not between 0 and 1, or a quantity that was not drawn.
-
-        Notes
-        -----
-        The simultaneous band is that of single times, widened by the factor
-
-        .. math:: \max\left(1, \frac{q\left(\max_t |k_b(t) - \bar k(t)| / s(t)\right)}{z}\right)
-
-        with q the quantile over draws, and z that of the normal distribution. The largest distance
-        of a draw from the mean of the draws stands for the largest error of the estimate. The
-        quantile of few draws is coarse: of a hundred, 95 % is the fifth largest.
-
-        References
-        ----------
-        Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.4.
         """
         if quantity not in self.draws:
             raise InputError(
                 f"band: there is no {quantity!r}; the quantities are {', '.join(self.draws)}"
             )
-        draws, freedom = self.draws[quantity], np.array(self.realizations - 1.0)
-        mean, deviation = mean_and_spread(draws)
+        freedom = np.array(self.realizations - 1.0)
+        _, deviation = mean_and_spread(self.draws[quantity])
         # The variance of a draw is that of R realizations over R, not over R - 1.
         width = deviation * np.sqrt(self.realizations / freedom) * critical_value(level, freedom)
-        if simultaneous:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                distances = np.nan_to_num(np.abs(draws - mean) / deviation, posinf=0.0)
-            quantile = np.quantile(distances.reshape(len(draws), -1).max(axis=1), level)
-            width *= np.maximum(1.0, quantile / critical_value(level, np.array(np.inf)))
-        estimate = _values(self.model, self.model)[quantity]
+        estimate = self.model.over_time(quantity)
         return estimate - width, estimate + width
 
 
@@ -165,7 +142,7 @@ def bootstrap(
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
-                found.append(_values(method.identify(drawn), model))
+                found.append(method.identify(drawn))
         except Exception as error:  # a method may fail on few draws that are ill-conditioned
             reasons.append(describe_error(error))
         progress(number + 1, count)
@@ -177,19 +154,9 @@ def bootstrap(
         if len(found) < MIN_DRAWS:
             raise InputError(failed)
         warnings.warn(f"{failed}; they are left out", DataQualityWarning, stacklevel=2)
-    names = [name for name in found[0] if all(name in each for each in found)]
-    draws = {name: np.array([each[name] for each in found]) for name in names}
-    return Bootstrap(model, len(ensemble), draws)
-
-
-def _values(model: Model, whole: Model) -> dict[str, Array]:
-    """Return estimates over time, and those over variables with the same values in ``whole``."""
-
-    def is_same(axis: str) -> bool:
-        return np.array_equal(model.coordinates.get(axis, ()), whole.coordinates.get(axis, ()))
-
-    return {
-        name: model.over_time(name) if estimate.axes[-1] == "time" else model.estimates[name].values
-        for name, estimate in whole.estimates.items()
-        if all(map(is_same, estimate.axes))
+    draws = {
+        name: np.array([each.over_time(name) for each in found])
+        for name, estimate in model.estimates.items()
+        if estimate.axes in OVER_TIME
     }
+    return Bootstrap(model, len(ensemble), draws)

@@ -140,5 +140,4 @@ def test_is_bootstrapped_with_its_channels(toy):
     lower, upper = found.band("stiffness")
     assert (lower <= upper)[np.isfinite(lower)].all()
     assert np.isfinite(lower).mean() > 0.9
-    # Each draw has other extremes of EMG, and with them other values that the stiffness is over.
     assert "stiffness_at_emg" not in found.draws

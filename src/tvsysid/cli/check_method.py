@@ -9,8 +9,8 @@ def check_method(method: str, /) -> int:
     """Check whether a method of your own works with the package.
 
     The method identifies simulated joints, which takes some seconds. Each check prints what was
-    expected and what the method did. The exit code is 0 if it passes every required check, 1 if
-    not, and 2 if it cannot be loaded.
+    expected and what the method did. The exit code is 0 if it passes every check, 1 if not, and 2
+    if it cannot be loaded.
 
     Example: `tvsysid check-method mymethod:SlidingFit`
 
@@ -29,11 +29,9 @@ def check_method(method: str, /) -> int:
     for item in check(parse(method)):
         if item.passed:
             say(f"✓ {item.name}: {item.message}")
-        elif item.required:
+        else:
             passed = False
             say(f"✗ {item.name}: {item.message}", "red")
-        else:
-            say(f"✗ {item.name} (recommended): {item.message}", "yellow")
     advice = f"passes; use it: tvsysid benchmark --method {method}"
     say(f"{method} {advice if passed else 'does not pass'}")
     return 0 if passed else 1

@@ -103,7 +103,7 @@ def test_threads_keep_each_trial_s_doubts():
 def test_a_method_that_cannot_be_pickled_is_refused():
     method = Mine()
     object.__setattr__(method, "fault", threading.Lock())
-    with pytest.raises(tv.InputError, match="cannot be sent to a worker: TypeError"):
+    with pytest.raises(tv.InputError, match=r"a worker failed .TypeError: cannot pickle"):
         run(Study(**SMALL | {"methods": [method]}), workers=2)
 
 

@@ -1,6 +1,6 @@
 """Compare methods: define a study, run it, and summarize its results."""
 
-from tvsysid.study.dataset import EXPERIMENT, SIMULATIONS, read_results
+from tvsysid.study.dataset import EXPERIMENT, read_results
 from tvsysid.study.experiment import Experiment, Recorded
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.run import plan, run
@@ -15,7 +15,6 @@ from tvsysid.study.workers import cores
 
 __all__ = [
     "EXPERIMENT",
-    "SIMULATIONS",
     "Experiment",
     "Prepared",
     "Recorded",

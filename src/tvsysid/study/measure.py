@@ -67,12 +67,10 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
 def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
     """Return what a model estimates, how well it predicts, and whether its bands hold the truth.
 
-    Raise an InputError if a model has no stiffness, or nothing where it has no such estimate.
+    Raise an InputError if a model has no stiffness at any time.
     """
-    main = model.estimates.get("stiffness")
-    needed = model.estimates.values() if main is None else [main]
-    if not any(np.isfinite(each.values).any() for each in needed):
-        raise InputError(f"it found {'nothing' if main is None else 'no stiffness'} at any time")
+    if not np.isfinite(model.stiffness).any():
+        raise InputError("it found no stiffness at any time")
     torques = model.pathways(ensemble)
     pair = truth.torque, np.asarray(sum(torques.values()))
     scores: Scores = {

@@ -25,7 +25,6 @@ from tvsysid.simulate import PERTURBATIONS, Participant
 from tvsysid.study.experiment import Experiment, Recorded
 
 EXCERPT_S = 10.0  # duration of the part of a recording that is drawn
-PATHWAY = "tvsysid: pathway "  # channels that pass through the preparation beside those recorded
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -111,14 +110,13 @@ def _simulate(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
     simulation = Participant(recorded.number).simulate(
         perturbation=PERTURBATIONS[recorded.perturbation]
     )
-    pathways = {PATHWAY + name: torque for name, torque in simulation.pathways.items()}
-    found = _prepared(experiment, simulation.recording, pathways)
+    found = _prepared(experiment, simulation.recording, simulation.pathways)
     ensemble = found["preparation"].ensemble
     truth = simulation.truth_of(ensemble).items()
     return found | {
         "truth": {name: values.mean(axis=0) for name, values in truth},
         "pathways": {
-            name: np.asarray(ensemble.signal(PATHWAY + name)[:, ensemble.core])
+            name: np.asarray(ensemble.signal(name)[:, ensemble.core])
             for name in simulation.pathways
         },
     }

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from timeit import timeit
 from typing import TYPE_CHECKING
 
 import attrs
@@ -143,13 +143,9 @@ def plan(study: Study | Experiment, prepared: Sequence[Prepared] = ()) -> tuple[
     The seconds are those of one process, from one draw of each case and its methods.
     """
     tasks, _ = _work(study, prepared)
-    run_task(attrs.evolve(tasks[-1], draws=tasks[-1].draws[:1]))  # load lazy modules before timing
-    seconds: dict[tuple[str, ...], float] = {}
-    for task in tasks:
-        if (kind := (task.case, *task.methods)) not in seconds:
-            started = time.perf_counter()
-            run_task(attrs.evolve(task, draws=task.draws[:1]))
-            seconds[kind] = time.perf_counter() - started
+    kinds = {(task.case, *task.methods): attrs.evolve(task, draws=task.draws[:1]) for task in tasks}
+    run_task(kinds[tasks[-1].case, *tasks[-1].methods])  # loads lazy modules before the timing
+    seconds = {kind: timeit(partial(run_task, task), number=1) for kind, task in kinds.items()}
     return (
         sum(len(task.draws) * len(task.methods) for task in tasks),
         sum(len(task.draws) * seconds[task.case, *task.methods] for task in tasks),

@@ -66,8 +66,8 @@ class Scenario(NamedTuple):
         """Name in results and files."""
         words = [self.stiffness, self.perturbation]
         words += [f"{self.duration_s:.10g}s", f"{self.snr_db:.10g}dB"]
-        words += [self.viscosity] if self.viscosity not in ("constant", OWN) else []
-        words = [self.system, *words] if self.system != "joint" else words
+        words += [self.viscosity] * (self.viscosity == "covarying")
+        words = [self.system] * (self.system != "joint") + words
         return re.sub(r"[^\w.+=,() -]+", "_", "-".join(words))
 
 

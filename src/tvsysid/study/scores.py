@@ -98,7 +98,9 @@ def score(results: xr.Dataset) -> xr.Dataset:
     dims = case, method, "metric"
     scores = xr.Dataset({"value": (dims, samples[..., 0])}, attrs=results.attrs)
     kept = {name: own for name, own in results.coords.items() if set(own.dims) <= {case, method}}
-    units, fixed = units_of(results), METRICS | {"failed": f"{draw}s", PATHWAY: PERCENT}
+    texts = (each.replace(" ", "·").replace("m2", "m²") for each in results.unit.values.tolist())
+    units = dict(zip(results["quantity"].values, texts, strict=True))
+    fixed = METRICS | {"failed": f"{draw}s", PATHWAY: PERCENT}
     pairs = (name.rpartition(" ") for name in found)
     unit = [fixed[measure] or units[quantity or MAIN] for quantity, _, measure in pairs]
     scores = scores.assign_coords(kept | {"metric": [*found]})
@@ -196,12 +198,6 @@ def _of_torque(draws: xr.Dataset, weights: Array, factors: Array) -> Scores:
             own.time.values, own.estimate.values, *levels, weights=weights
         )
     return found
-
-
-def units_of(results: xr.Dataset) -> dict[str, str]:
-    """Return the unit of each quantity for tables; empty if unknown."""
-    units = [unit.replace(" ", "·").replace("m2", "m²") for unit in map(str, results.unit.values)]
-    return dict(zip(map(str, results.quantity.values), units, strict=True))
 
 
 def from_switch(time: Array, truth: Array) -> Array:

@@ -111,9 +111,6 @@ def pickled(task: Task) -> bytes:
         cloudpickle.register_pickle_by_value(module)
     try:
         return bytes(cloudpickle.dumps(task))
-    except Exception as error:
-        reason = f"{type(error).__name__}: {one_line(str(error))}"
-        raise InputError(f"{task.case}: cannot be sent to a worker: {reason}") from error
     finally:
         for module in loose:
             cloudpickle.unregister_pickle_by_value(module)

@@ -29,22 +29,20 @@ def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]
     simulation = simulate(study, scenario, trial)
     ensemble = cut(study, simulation.recording)
     pathways = simulation.pathways if len(simulation.pathways) > 1 else {}
-    channels = {f"{name} pathway": torque for name, torque in pathways.items()}
-    noiseless = attrs.evolve(simulation.noiseless, channels=channels)
+    noiseless = attrs.evolve(simulation.noiseless, channels=pathways)
     cores = segment(decimate(noiseless, study.rate), study.period)
 
-    def torque(name: str) -> Array:
-        values = np.asarray(cores.signal(name)[:, cores.core])
-        return values - values.mean(axis=0) if study.subtract_mean else values
+    def core(values: Array) -> Array:
+        own = np.asarray(values[:, cores.core])
+        return own - own.mean(axis=0) if study.subtract_mean else own
 
     # A mean of equal values is exact if it is taken of their distances from the first
     quantities = {
         name: each[0] + (each - each[0]).mean(axis=0)
         for name, each in simulation.truth_of(ensemble).items()
     }
-    return ensemble, Truth(
-        torque("torque"), quantities, {name: torque(f"{name} pathway") for name in pathways}
-    )
+    parts = {name: core(values) for name, values in cores.channels.items()}
+    return ensemble, Truth(core(cores.torque), quantities, parts)
 
 
 def simulate(study: Study, scenario: Scenario, trial: int) -> Simulation:

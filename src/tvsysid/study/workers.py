@@ -72,8 +72,8 @@ def _by_executor(
     except Exception as error:
         raise InputError(
             f"run: a worker failed ({type(error).__name__}: {one_line(str(error))}). It crashed, "
-            "ran out of memory, or did not start (a script must call run under `if __name__ == "
-            "'__main__':`). Run the same command again to resume"
+            "ran out of memory, did not start (a script must call run under `if __name__ == "
+            "'__main__':`), or could not be sent its task. Run the same command again to resume"
         ) from error
     finally:
         for future in running:

@@ -12,7 +12,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Method
-from tvsysid.numerics.bases import BASES, Basis, basis_from_text
+from tvsysid.numerics.bases import Basis, basis_from_text
 
 EXPECTED = {float: "a number", int: "a whole number", bool: "true or false"}
 
@@ -61,7 +61,7 @@ def settings_from_text(text: str, target: Any) -> dict[str, Any]:
 
 def _converted(name: str, text: str, hint: Any) -> Any:
     """Return the value of a setting that was given as text."""
-    if hint == Basis or text.partition("(")[0] in {basis.__name__ for basis in BASES}:
+    if hint == Basis:
         return basis_from_text(text)
     value: Any = text
     for read in (json.loads, ast.literal_eval):

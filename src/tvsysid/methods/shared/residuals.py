@@ -81,13 +81,11 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
     """
     edge = missing_edge(HALF_WIDTH, ensemble)
     inner = impedance[edge : ensemble.samples - edge]
-    times = np.flatnonzero(np.isfinite(inner).all(axis=1)) + edge
-    first, stop = (times[0], times[-1] + 1) if times.size else (edge, edge)
     filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-    weights = np.nan_to_num(impedance[first:stop]) @ filters
-    start, stop = ensemble.context + first, ensemble.context + stop
-    angle = ensemble.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
-    return ensemble.torque[:, start:stop] - convolve_lags(angle, weights), int(first)
+    left = residual(ensemble, np.nan_to_num(inner) @ filters)
+    times = np.flatnonzero(np.isfinite(inner).all(axis=1))
+    first, stop = (int(times[0]), times[-1] + 1) if times.size else (0, 0)
+    return left[:, first:stop], edge + first
 
 
 def residual_agreement(ensemble: Ensemble, left: Array, first: int) -> float:

@@ -153,7 +153,8 @@ def after_one_impulse(trials: int = 40) -> None:
         ]
         errors = np.stack(
             [
-                track(each, times, window, rate, INERTIA, viscosity / 2)[:, 0] - 100.0
+                track(each, times, window, rate, (100.0, viscosity * INERTIA, INERTIA))[:, 0]
+                - 100.0
                 for each in noisy
             ]
         )

@@ -97,7 +97,7 @@ def test_a_change_that_is_not_fitted_is_told(harmonics, told):
             tv.simulate.FilteredNoise(),
             r"the angle is no multisine of two or more lines, .* explain \d.* % of it, and 99 %",
         ),
-        (Multisine((2.3,)), r"no multisine of two or more lines, .*: lines \(2.3 Hz\)"),
+        (Multisine((2.3,)), r"no multisine of two or more lines, .*: the 1 found explain"),
     ],
 )
 def test_what_it_does_not_serve_is_said_in_words(perturbation, message):

@@ -8,7 +8,7 @@ from itertools import pairwise
 import attrs
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.methods import base, shared
@@ -26,7 +26,7 @@ CLEAR = 3.5  # standard deviations of the window between an impulse and the firs
 MAX_RINGING_S = 0.25  # used after each impulse
 SMOOTHING_S = 0.03  # standard deviation of the Gaussian that smooths signals to find the inertia
 REACH = 4.0  # standard deviations to which Gaussians extend
-BAND_HZ = (1.0, 20.0)  # in which the frequency is searched
+LOWEST = 2 * math.pi  # frequency in rad/s
 ROUNDS = 3  # of the search for the frequency
 HARMONICS = 3  # of stiffness and viscosity in the fit of the inertia
 MIN_SAMPLES = 3  # after an impulse
@@ -98,7 +98,7 @@ class ModalDecomposition(base.Method):
                 f"{100 * IMPULSIVE_POWER:g} % of its power take {100 * time:.0f} % of the time (at "
                 f"most {100 * MAX_TIME:g} %); the joint must ring freely after impulses of torque"
             )
-        stiffness, viscosity, inertia, _ = mean_impedance(ensemble)
+        (stiffness, viscosity, inertia), _ = mean_impedance(ensemble)
         damping = viscosity / (2 * math.sqrt(max(stiffness * inertia, math.ulp(0.0))))
         if not 0 <= damping <= MAX_DAMPING:
             return (
@@ -111,8 +111,7 @@ class ModalDecomposition(base.Method):
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
         samples, rate = ensemble.samples, ensemble.sampling_rate
-        _, viscosity, inertia, inertia_error = mean_impedance(ensemble)
-        decay = viscosity / (2 * inertia)
+        whole, inertia_error = mean_impedance(ensemble)
         clear, reach = math.ceil(CLEAR * self.window * rate), round(REACH * self.window * rate)
         tracks = [np.full((samples, 2), np.nan)]  # for each impulse, after one that says nothing
         for run in ensemble.runs:
@@ -128,14 +127,14 @@ class ModalDecomposition(base.Method):
                 last = min(longest, following - clear, len(angle) - reach - 1)
                 times = np.arange(max(peak + clear, reach), last + 1)
                 if len(times) >= MIN_SAMPLES:
-                    found = track(angle, times, self.window, rate, inertia, decay)
+                    found = track(angle, times, self.window, rate, whole)
                     tracks.append(np.full((samples, 2), np.nan))
                     tracks[-1][times % samples] = found
         count = np.isfinite(tracks).sum(axis=0)
         mean, spread = mean_and_spread(np.stack(tracks))
         spread[count < MIN_IMPULSES] = np.nan
         errors = np.hypot(spread / np.sqrt(count), inertia_error * mean)
-        inertias = np.where(np.isfinite(mean[:, :1]), inertia, np.nan)
+        inertias = np.where(np.isfinite(mean[:, :1]), whole[2], np.nan)
         errors = np.hstack([errors, np.full_like(inertias, np.nan)])
         freedom = np.maximum(count[:, :1] - 1.0, 1.0)
         estimates = shared.impedance_estimates(
@@ -144,8 +143,8 @@ class ModalDecomposition(base.Method):
         return Model.of(ensemble, estimates=estimates, parameters=2.0)
 
 
-def mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
-    """Return mean stiffness, viscosity and inertia, and the relative error of inertia.
+def mean_impedance(ensemble: Ensemble) -> tuple[Array, float]:
+    """Return mean stiffness, viscosity and inertia (3,), and the relative error of inertia.
 
     They are fitted by least squares. Angle and torque are smoothed alike, which removes noise
     and the impulses' edges. Stiffness and viscosity have a few harmonics. The error takes
@@ -167,35 +166,34 @@ def mean_impedance(ensemble: Ensemble) -> tuple[float, float, float, float]:
     found = inverse @ np.einsum("rta,rt->a", columns, torque)
     scores = np.einsum("rta,rt->ra", columns, torque - columns @ found) @ inverse[-1]
     error = np.linalg.norm(scores) / abs(found[-1])
-    return float(found[0]), float(found[features.shape[1]]), float(found[-1]), float(error)
+    return found[[0, features.shape[1], -1]], float(error)
 
 
 def track(
-    angle: Array, times: NDArray[np.int64], width: float, rate: float, inertia: float, decay: float
+    angle: Array, times: NDArray[np.int64], width: float, rate: float, mean: ArrayLike
 ) -> Array:
     """Return stiffness and viscosity (time, 2) at consecutive samples of an angle that rings.
 
-    In a window about each time, the fit has a wave with a ``decay`` in 1/s, its mirror image at
-    the negative frequency, and a constant. The wave's phase and size over time give frequency and
-    decay.
+    In a window about each time, the fit has a wave with the decay of the ``mean`` impedance (3,),
+    its mirror image at the negative frequency, and a constant. The wave's phase and size over time
+    give frequency and decay.
     """
+    stiffness, viscosity, inertia = np.asarray(mean)
+    decay = viscosity / (2 * inertia)
+    frequency = math.sqrt(stiffness / inertia - decay**2)
     reach = round(REACH * width * rate)
     lags = np.arange(-reach, reach + 1) / rate
-    window = np.exp(-((lags / width) ** 2) / 2)
-    segments = angle[times[:, None] + np.arange(-reach, reach + 1)]
-    grid = 2 * np.pi * np.arange(BAND_HZ[0], min(BAND_HZ[1], rate / 2), 0.5)
-    spectrum = np.abs((segments * window) @ np.exp(-1j * np.outer(lags, grid)))
-    frequency = grid[np.argmax(spectrum, axis=1)]
+    # Equal weights before and after the time
+    weights = np.exp(2 * decay * lags - (lags / width) ** 2 / 2)
+    segments = angle[times + np.arange(-reach, reach + 1)[:, None]]
     for _ in range(ROUNDS):
-        wave = np.exp(np.multiply.outer(1j * frequency - decay, lags))
-        columns = np.stack([wave, wave.conj(), np.ones(wave.shape)], axis=1)
-        # Equal weights before and after the time
-        weighted = columns.conj() * window * np.exp(2 * decay * lags)
-        gram, cross = weighted @ columns.transpose(0, 2, 1), weighted @ segments[..., None]
-        amplitude = np.linalg.solve(gram, cross)[:, 0, 0]
+        wave = np.exp((1j * frequency - decay) * lags)
+        columns = np.stack([wave, wave.conj(), np.ones_like(wave)])
+        weighted = columns.conj() * weights
+        amplitude = np.linalg.solve(weighted @ columns.T, weighted @ segments)[0]
         found = np.gradient(np.unwrap(np.angle(amplitude)), 1 / rate)
-        frequency = np.full(len(times), np.clip(np.median(found), grid[0], grid[-1]))
-    logarithm = np.log(np.abs(amplitude)) + 0.5 * np.log(np.maximum(found, grid[0]))
+        frequency = float(np.median(found))
+    logarithm = np.log(np.abs(amplitude)) + 0.5 * np.log(np.maximum(found, LOWEST))
     fade = -np.gradient(logarithm, 1 / rate)  # s of the class's equation
-    stiffness = found**2 + fade**2 + np.gradient(fade, 1 / rate)
-    return inertia * np.stack([stiffness, 2 * fade], axis=1)
+    squares = found**2 + fade**2 + np.gradient(fade, 1 / rate)
+    return np.asarray(inertia * np.stack([squares, 2 * fade], axis=1))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import block_diag
@@ -19,7 +20,8 @@ from tvsysid.signals import Array, Ensemble
 
 MAX_LINES = 20
 MIN_SHARE = 0.99  # of the angle's power in its lines
-MIN_LINE_SHARE = 1e-4  # of the angle's power in each line that is found
+MIN_HEIGHT = 0.01  # of a line, relative to the highest
+MIN_BINS = 8  # of the spectrum between lines, beyond the side lobes of the window
 ROUNDS = 5  # of the refinement of a line's frequency
 FITTED_P, WARNED_P = 0.05, 1e-4  # p-values below which skirts are fitted, and warned of
 NOISELESS = 1e-5  # relative variance below which the residual is rounding and filters
@@ -74,15 +76,14 @@ class SkirtDecomposition(base.Method):
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip if the angle is no multisine, or its lines are unsuitable."""
         lines = Lines.of(ensemble)
-        found = ", ".join(f"{line:.4g} Hz" for line in lines.frequencies) or "none"
-        if lines.share < MIN_SHARE or len(lines.frequencies) < 2:
-            return (
-                "the angle is no multisine of two or more lines, without which stiffness is not "
-                f"told from inertia: lines ({found}) explain {100 * lines.share:.1f} % of it, and "
-                f"{100 * MIN_SHARE:g} % are needed; perturb with some sines of fixed frequencies "
-                "and impose the angle"
-            )
-        return None
+        if lines.share >= MIN_SHARE and len(lines.frequencies) >= 2:
+            return None
+        return (
+            "the angle is no multisine of two or more lines, without which stiffness is not told "
+            f"from inertia: the {len(lines.frequencies)} found explain {100 * lines.share:.1f} % "
+            f"of it, and {100 * MIN_SHARE:g} % are needed; perturb with some sines of fixed "
+            "frequencies and impose the angle"
+        )
 
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
@@ -228,23 +229,12 @@ def find_lines(angle: Array, rate: float) -> Array:
 
     A line has the frequency at which the phase is the same in both halves of the signal.
     """
-    angle = angle - angle.mean()
     samples, half = len(angle), len(angle) // 2
-    time = np.arange(samples) / rate
-    lines, left = np.empty(0), angle
-    while len(lines) < MAX_LINES:
-        spectrum = np.abs(rfft(left * np.hanning(samples)))
-        line = float(np.argmax(spectrum[1:]) + 1) * rate / samples
-        for _ in range(ROUNDS):
-            turned = left * np.exp(-2j * np.pi * line * time)
-            first, second = turned[: 2 * half].reshape(2, half) @ np.hanning(half)
-            line += float(np.angle(second * first.conj())) / (2 * np.pi * half / rate)
-        is_new = np.min(np.abs(lines - line), initial=np.inf) >= 2 * rate / samples
-        turns = 2 * np.pi * np.outer([*lines, line], time)
-        columns = np.concatenate([np.cos(turns), np.sin(turns)])
-        rest = angle - np.linalg.lstsq(columns.T, angle, rcond=None)[0] @ columns
-        gain = np.sum(left**2) - np.sum(rest**2)
-        if not is_new or gain < MIN_LINE_SHARE * np.sum(angle**2):
-            break
-        lines, left = np.append(lines, line), rest
+    spectrum = np.abs(rfft((angle - angle.mean()) * np.hanning(samples)))
+    peaks, _ = scipy.signal.find_peaks(spectrum, MIN_HEIGHT * spectrum.max(), distance=MIN_BINS)
+    lines: Array = peaks[np.argsort(-spectrum[peaks])[:MAX_LINES]] * rate / samples
+    for _ in range(ROUNDS):
+        turned = angle * np.exp(-2j * np.pi * np.outer(lines, np.arange(samples) / rate))
+        parts = turned[:, : 2 * half].reshape(-1, 2, half) @ np.hanning(half)
+        lines = lines + np.angle(parts[:, 1] * parts[:, 0].conj()) * rate / (2 * np.pi * half)
     return lines

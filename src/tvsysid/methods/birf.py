@@ -162,10 +162,10 @@ class BasisIRF(shared.ByReference):
         first = max(0, ensemble.context - lags)
         reach = slice(first, ensemble.angle.shape[1] - first)
         angle, torque = ensemble.angle[:, reach], ensemble.torque[:, reach]
-        if is_irf:
-            gram, cross, square, _ = shared.lagged_moments(angle, torque, lags)
-        else:
-            gram, cross, square = shared.derivative_moments(angle, torque, ensemble.sampling_rate)
+        gram, cross, square, _ = shared.lagged_moments(angle, torque, lags)
+        if not is_irf:
+            filters = shared.derivative_filters(lags, ensemble.sampling_rate)
+            gram, cross = filters @ (gram @ filters.T), cross @ filters.T
         power = np.mean(np.diagonal(gram, axis1=1, axis2=2), axis=0)
         if is_irf:  # lags have one unit
             power[:] = power.mean()

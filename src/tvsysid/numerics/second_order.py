@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.numerics import Array
-from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
-from tvsysid.numerics.moments import lagged_moments
+from tvsysid.numerics.differentiation import derivative_weights
 
 ROUNDING = (
     1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
@@ -60,21 +59,6 @@ def second_order_fit(moments: Array, cross: Array) -> MomentFit:
     """
     inverse = _inverses(moments)
     return MomentFit((inverse @ cross[..., None])[..., 0], inverse)
-
-
-def derivative_moments(
-    angle: Array, torque: Array, sampling_rate: float
-) -> tuple[Array, Array, Array]:
-    """Return moments over realizations of angle, velocity, acceleration and torque at each time.
-
-    The shapes are (time, 3, 3) for those of the three with each other, (time, 3) with the torque,
-    and (time,) for the torque. No derivative is formed: the three are sums of the angles about.
-
-    The times are those :data:`HALF_WIDTH` from both ends of angle and torque (realization, time).
-    """
-    filters = derivative_filters(HALF_WIDTH, sampling_rate)
-    phi_uu, phi_uy, square, _ = lagged_moments(angle, torque, HALF_WIDTH)
-    return filters @ phi_uu @ filters.T, phi_uy @ filters.T, square
 
 
 def derivative_filters(lags: int, sampling_rate: float) -> Array:

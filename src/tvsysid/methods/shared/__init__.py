@@ -19,9 +19,7 @@ from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import PRIORS, Moments, Regression
 from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import lagged_moments
-from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.second_order import (
     derivative_filters,
-    derivative_moments,
     second_order_fit,
 )

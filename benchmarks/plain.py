@@ -207,11 +207,9 @@ def kbr_dense(
     Equations 13 to 17, Na = 0, Nb = 2.
 
     .. math:: \min \sum_k |E(k)|^2 / \sigma^2 + \sum_m \tilde b_m^T K^{-1} \tilde b_m
-              + \sum_q f_q^2 / P
 
-    over constants without prior, the varying parts :math:`\tilde b_m`, and the weights f of the
-    half-cosines that make up the external term, P being the torque's mean square. Solved in the
-    space of the data, so that K is never inverted.
+    over constants and weights of half-cosines (the external term) without prior, and the varying
+    parts :math:`\tilde b_m`. Solved in the space of the data, so that K is never inverted.
 
     Parameters
     ----------
@@ -244,14 +242,17 @@ def kbr_dense(
     place = (np.arange(count) + 0.5) / count
     external = np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place))
 
-    in_time = kernel * (signals.T @ signals) + np.mean(torque**2) * external.T @ external
+    in_time = kernel * (signals.T @ signals)
     covariance = _fourier(_fourier(in_time, inside).T, inside)
     fixed, output = _fourier(signals, inside).T, _fourier(torque, inside)
+    # Combinations of the half-cosines that have power in the band.
+    _, power, terms = np.linalg.svd(_fourier(external, inside), full_matrices=False)
+    fixed = np.column_stack([fixed, terms[power > 1e-6 * power[0]].T])
     if noise_variance is None:
         noise_variance = _noise_variance(covariance, fixed, output)
     constants, dual = _generalised_least_squares(covariance, fixed, output, noise_variance)
     varying = (signals * _transposed_fourier(dual, inside, count)) @ kernel
-    stiffness, viscosity, inertia = varying + constants[:, None]
+    stiffness, viscosity, inertia = varying + constants[:3, None]
     return KernelFit(stiffness, viscosity, inertia, noise_variance)
 
 

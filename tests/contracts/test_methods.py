@@ -22,7 +22,7 @@ METHODS = {
     "esm": tv.EnsembleSpectral(),
     "esm fit": tv.EnsembleSpectral(stiffness="fit"),
     "kbr": tv.KernelRegression(),
-    "kbr experiment": tv.KernelRegression.preset("experiment"),
+    "kbr experiment": tv.KernelRegression(length_decay=30.0),
     "pc": tv.ParallelCascade(),
     "adaptive": tv.AdaptiveRegression(),
     "cascade": tv.JointCascade(),

@@ -3,7 +3,10 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.methods.kbr import record
+from tvsysid.methods.kbr.record import Record, kernel_over
+
+# The paper's settings for its experiment (section 4.2).
+EXPERIMENT = tv.KernelRegression(length_periodic=np.exp(-1), length_decay=30.0, gamma=13.8)
 
 
 @pytest.mark.slow
@@ -11,7 +14,7 @@ def test_gaps_are_gaps(ensemble_of):
     ensemble = ensemble_of(60.0, "sine", "noise", 30.0)
     truth = tv.simulate.SineWave()(ensemble.time)
     for kept in (np.arange(30) % 5 != 2, np.arange(30) % 2 == 0):
-        for method in (tv.KernelRegression(), tv.KernelRegression.preset("experiment")):
+        for method in (tv.KernelRegression(), EXPERIMENT):
             model = method.identify(ensemble.select(kept))
             assert np.abs(model.stiffness - truth).max() < 4
 
@@ -25,7 +28,7 @@ def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
     )
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
     truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
-    model = tv.KernelRegression.preset("experiment").identify(ensemble)
+    model = EXPERIMENT.identify(ensemble)
     stiffness = model.impedance(ensemble)[..., 0]
     assert stiffness.shape == truth.shape
     assert np.sqrt(np.mean((stiffness - truth) ** 2)) < 4
@@ -68,14 +71,6 @@ def test_realizations_without_context_lose_only_the_ends_of_a_run(ensemble_of, c
     assert (np.abs(one.stiffness - other.stiffness) < errors).all()
 
 
-def test_presets_are_the_papers():
-    assert tv.KernelRegression.preset("simulation") == tv.KernelRegression()
-    experiment = tv.KernelRegression.preset("experiment")
-    assert (experiment.length_decay, experiment.gamma) == (30.0, 13.8)
-    assert experiment.length_periodic == pytest.approx(np.exp(-1))
-    assert tv.methods.parse("kbr:preset=experiment,gamma=5") == attrs.evolve(experiment, gamma=5.0)
-
-
 DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
 
 
@@ -86,8 +81,9 @@ def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(
 ):
     for duration in (40.0, 150.0):
         ensemble = ensemble_of(duration, profile, perturbation)
-        kernel = record.kernel_over(ensemble, 1.0, np.inf)
-        scale = tv.KernelRegression()._scale(record.Record.of([ensemble], kernel, (0.0, 20.0)))
+        kernel = kernel_over(ensemble, 1.0, np.inf)
+        moments = Record.of([ensemble], kernel, (0.0, 20.0)).moments()
+        scale = tv.KernelRegression()._scale(moments, kernel.columns)
         assert scale == pytest.approx(DEGREE, rel=0.04)
         own, fixed = (
             tv.KernelRegression(scale=scale).identify(ensemble) for scale in (None, DEGREE)

@@ -8,14 +8,14 @@ from benchmarks import plain
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods.kbr.record import Record, kernel_over
+from tvsysid.methods.kbr.record import kernel_over
 from tvsysid.methods.kbr.search import Likelihood
 from tvsysid.numerics.differentiation import differentiate
 
 pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 
 
-def dense_model(ensemble, theta, decay, near):
+def dense_model(ensemble, theta, decay):
     """Return the covariance of the band's Fourier coefficients, the fixed part, and the output.
 
     The coefficients are real and imaginary parts. The fixed part has no prior.
@@ -34,22 +34,22 @@ def dense_model(ensemble, theta, decay, near):
         each * kernel * np.outer(signal, signal)
         for each, signal in zip(variances, signals, strict=True)
     )
-    smooth = np.mean(torque**2) * external.T @ external
 
     def in_band(covariance):
         return plain._fourier(plain._fourier(covariance, inside).T, inside)
 
-    covariance = in_band(changing + noise / near * smooth)
+    covariance = in_band(changing)
     covariance += noise * np.eye(len(covariance))
-    return covariance, plain._fourier(signals, inside).T, plain._fourier(torque, inside)
+    fixed = plain._fourier(np.concatenate([signals, external]), inside).T
+    return covariance, fixed, plain._fourier(torque, inside)
 
 
-def dense_log_density(ensemble, theta, decay, near):
+def dense_log_density(ensemble, theta, decay):
     """Return the restricted log density of the band's Fourier coefficients, but for a constant.
 
     The kernel is dense.
     """
-    covariance, fixed, output = dense_model(ensemble, theta, decay, near)
+    covariance, fixed, output = dense_model(ensemble, theta, decay)
     inverse = np.linalg.inv(covariance)
     information = fixed.T @ inverse @ fixed
     projected = inverse - inverse @ fixed @ np.linalg.solve(information, fixed.T @ inverse)
@@ -61,14 +61,11 @@ def dense_log_density(ensemble, theta, decay, near):
 @pytest.mark.parametrize("decay", [math.inf, 15.0])
 def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     ensemble = ensemble_of(12.0, "sine", "noise")
-    record = Record.of([ensemble], kernel_over(ensemble, 0.05, decay), (0.0, 20.0))
-    likelihood = Likelihood.of(record, np.ones((3, record.kernel.columns), dtype=bool), 0.15)
+    likelihood = Likelihood.of(ensemble, kernel_over(ensemble, 0.05, decay), (0.0, 20.0), 1.0)
     one = np.log([0.3, 1600.0, 0.3, 3e-5, 0.15])
     other = np.log([0.1, 650.0, 3.0, 3e-4, 0.2])
     found = likelihood(one)[0] - likelihood(other)[0]
-    expected = dense_log_density(ensemble, one, decay, 0.15) - dense_log_density(
-        ensemble, other, decay, 0.15
-    )
+    expected = dense_log_density(ensemble, one, decay) - dense_log_density(ensemble, other, decay)
     assert found == pytest.approx(expected, abs=1e-3)
     # Its slope is that of differences.
     _, slope = likelihood(one)

@@ -83,8 +83,6 @@ def test_a_method_that_tunes_itself():
     np.testing.assert_array_equal(model.stiffness, tuned.identify(ensemble).stiffness)
     assert model.method == repr(tuned)
     assert tv.methods.parse("birf:max_lag=0.2,tuned=false") == tv.BasisIRF(max_lag=0.2)
-    begun = tv.methods.parse("kbr:preset=experiment,tuned=true").method
-    assert begun == tv.KernelRegression.preset("experiment")
 
 
 # Basis: what samples are worth.

@@ -25,7 +25,6 @@ def methods() -> None:
         show_table(f"For {purpose}", records, {"key": "key", "method": "about"})
     say(
         "Beside realizations of angle and torque. Durations are in s, frequencies in Hz. Settings "
-        "follow the key: sds:window=0.2,max_lag=0.1\nkbr also takes preset=simulation (the "
-        "default) or preset=experiment: the paper's settings for either study.\nA method of your "
-        "own is module:Class or module:Class:setting=value; tvsysid check-method checks it."
+        "follow the key: sds:window=0.2,max_lag=0.1\nA method of your own is module:Class or "
+        "module:Class:setting=value; tvsysid check-method checks it."
     )

@@ -185,7 +185,7 @@ class BasisIRF(shared.ByReference):
 
     def _posterior(
         self, signals: Signals, columns: Columns, ensemble: Ensemble, share: float = 1.0
-    ) -> shared.Regression:
+    ) -> shared.FittedWeights:
         """Return the posterior. Samples count only as a ``share`` of independent ones.
 
         Signals of unit RMS have the prior.
@@ -200,7 +200,7 @@ class BasisIRF(shared.ByReference):
 
     def _errors(
         self,
-        posterior: shared.Regression,
+        posterior: shared.FittedWeights,
         columns: Columns,
         readout: Array,
         left: Array,
@@ -307,8 +307,8 @@ class Columns(NamedTuple):
 
 
 def _instrumental(
-    posterior: shared.Regression, columns: Columns, ensemble: Ensemble, moved: Ensemble
-) -> shared.Regression:
+    posterior: shared.FittedWeights, columns: Columns, ensemble: Ensemble, moved: Ensemble
+) -> shared.FittedWeights:
     r"""Return the coefficients with instruments Z in the left factor.
 
     They follow from their posterior m, C in a fit to the instruments alone:

@@ -76,7 +76,7 @@ def parse(text: str) -> Method:
 
     A method of your own is ``"mymodule:MyMethod"`` or ``"mymodule:MyMethod:order=3"``. Settings
     that are left out have their defaults. With ``tuned=true``, the method chooses its settings
-    from the data. ``kbr`` also takes ``preset=simulation`` or ``preset=experiment``.
+    from the data.
 
     Raises
     ------
@@ -140,9 +140,9 @@ def _is_method(value: object) -> bool:
     return isinstance(value, Method) or (isinstance(value, type) and issubclass(value, Method))
 
 
-def _made(target: Any, tuned: bool = False, preset: str | None = None, **settings: Any) -> Any:
-    """Create an object from settings. ``preset`` names other defaults, ``tuned`` adds tuning."""
-    made = target(**settings) if preset is None else target.preset(preset, **settings)
+def _made(target: Any, tuned: bool = False, **settings: Any) -> Any:
+    """Create an object from settings. ``tuned`` adds tuning."""
+    made = target(**settings)
     return Tuned(made) if tuned else made
 
 

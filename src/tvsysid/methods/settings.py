@@ -48,9 +48,9 @@ def settings_from_text(text: str, target: Any) -> dict[str, Any]:
         with suppress(Exception):  # names that exist for type checkers only
             hints |= get_type_hints(source)
     known = [*inspect.signature(target).parameters]
-    if issubclass(target, Method):  # further settings, which are no fields
-        hints |= {"preset": str, "tuned": bool}
-        known += ["preset"] * hasattr(target, "preset") + ["tuned"] * target.can_be_tuned
+    if issubclass(target, Method) and target.can_be_tuned:  # a setting that is no field
+        hints["tuned"] = bool
+        known.append("tuned")
     given = split_settings(text)
     if unknown := [name for name in given if name not in known]:
         raise InputError(

@@ -176,21 +176,21 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     return Posterior(mean, inverse_factor, precision, noise_variance, left, moments.number)
 
 
-class Regression(NamedTuple):
-    """Posterior of the weights, with prior and noise variance chosen from the data.
+class FittedWeights(NamedTuple):
+    """Posterior of the weights, with the noise variance estimated from the data.
 
-    ``effective`` is the effective number of parameters. ``log_evidence`` is NaN without a prior.
+    ``effective`` is the effective number of parameters. ``log_evidence`` is NaN if the prior was
+    not chosen by it.
     """
 
     mean: Array
     covariance: Array
     noise_variance: float
     effective: float
-    log_evidence: float
-    converged: bool
+    log_evidence: float = math.nan
 
 
-def least_squares(moments: Moments) -> Regression:
+def least_squares(moments: Moments) -> FittedWeights:
     """Fit without a prior. The weights have minimum norm where the columns are collinear."""
     gram, cross, square, number = moments
     scale = np.sqrt(_powers(gram) / number)
@@ -199,10 +199,10 @@ def least_squares(moments: Moments) -> Regression:
     mean = covariance @ cross
     residual = square - 2 * float(mean @ cross) + float(mean @ gram @ mean)
     noise = max(residual, SMALLEST_RESIDUAL * square) / max(number - rank, 1)
-    return Regression(mean, covariance * noise, noise, float(rank), math.nan, True)
+    return FittedWeights(mean, covariance * noise, noise, float(rank))
 
 
-def ridge(moments: Moments) -> Regression:
+def ridge(moments: Moments) -> FittedWeights:
     r"""Choose one prior precision for all weights by maximum evidence.
 
     .. math:: \gamma = \sum_k \frac{\beta s_k}{\alpha + \beta s_k}, \quad
@@ -236,14 +236,14 @@ def ridge(moments: Moments) -> Regression:
             - float(np.sum(np.log(precision)))
         )
         # Iterations cost little here, so the tolerance is close to the rounding error.
-        if converged := abs(evidence - before) <= 1e-14 * abs(evidence):
+        if abs(evidence - before) <= 1e-14 * abs(evidence):
             break
         alpha, beta = gamma / norm, max(number - gamma, 1.0) / residual
     covariance = (vectors / precision) @ vectors.T
-    return Regression(vectors @ mean, covariance, 1 / beta, gamma, evidence, converged)
+    return FittedWeights(vectors @ mean, covariance, 1 / beta, gamma, evidence)
 
 
-def relevance(moments: Moments) -> Regression:
+def relevance(moments: Moments) -> FittedWeights:
     r"""Choose a prior precision for each weight by maximum evidence. Most become zero.
 
     .. math:: \gamma_i = 1 - \alpha_i C_{ii}, \quad
@@ -270,16 +270,15 @@ def relevance(moments: Moments) -> Regression:
         precision = determined / np.maximum(found.mean**2, TINY)
         # A prior this much narrower than the noise of the weight fixes the weight at zero.
         kept = precision < 1e4 * powers[active] / noise
-        converged = abs(evidence - before) <= TOLERANCE * number
-        if converged or not kept.any():
+        if abs(evidence - before) <= TOLERANCE * number or not kept.any():
             break
         active, precision = active[kept], precision[kept]
     mean, covariance = np.zeros(len(powers)), np.zeros_like(moments.gram)
     mean[active], covariance[np.ix_(active, active)] = found.mean, found.covariance
-    return Regression(mean, covariance, noise, effective, evidence, converged)
+    return FittedWeights(mean, covariance, noise, effective, evidence)
 
 
-PRIORS: dict[str, Callable[[Moments], Regression]] = {
+PRIORS: dict[str, Callable[[Moments], FittedWeights]] = {
     "ard": relevance,
     "ridge": ridge,
     "none": least_squares,

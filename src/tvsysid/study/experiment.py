@@ -37,7 +37,7 @@ PAPER = {
     "sds": f"sds:max_lag={MAX_LAG_S},window={SHORT_WINDOW_S}",
     "birf": f"birf:max_lag={MAX_LAG_S}",
     "esm": f"esm:window={LONG_WINDOW_S}",
-    "kbr": "kbr:preset=experiment",
+    "kbr": "kbr:length_periodic=0.36787944117144233,length_decay=30,gamma=13.8",
 }
 """The paper's methods with its settings for the experiment, by their keys."""
 PREPARATION = {

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import attrs
 import numpy as np
 
 from tvsysid.methods import base, responses, shared
 from tvsysid.methods.kbr import search
-from tvsysid.methods.kbr.fit import fit, fit_coefficients
+from tvsysid.methods.kbr.fit import fit
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
 from tvsysid.methods.kbr.record import Record, clocks_of, kernel_over
 from tvsysid.methods.tuning import Evidence
 from tvsysid.models import Diagnostics
+from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import power_in_band
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_number, one_of, optional, positive
 
-Preset = Literal["simulation", "experiment"]
 Weights = Literal["white", "residual"]
 
-# The paper's settings for its simulated study (section 3.2.5) and its experimental one (4.2).
-PRESETS: dict[str, dict[str, float]] = {
-    "simulation": {"length_periodic": math.exp(-2), "length_decay": ENDLESS, "gamma": 4.5},
-    "experiment": {"length_periodic": math.exp(-1), "length_decay": 30.0, "gamma": 13.8},
-}
-USUAL = PRESETS["simulation"]
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 # modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
 USUAL_MODULUS = 100.0
@@ -95,7 +89,7 @@ class KernelRegression(shared.ByReference):
         normal equations.
     weighting
         ``"white"``: all frequencies have the same weight, as in the paper. ``"residual"``: the
-        weight is the inverse of the residual's power (averaged over ±0.5 Hz, in two iterations).
+        weight is the inverse of the residual's power (a smooth spectrum, in two iterations).
         This is best where the noise is not white in the band. With slow noise it reduces the random
         error by a third to three quarters, in open and in closed loop.
 
@@ -111,11 +105,7 @@ class KernelRegression(shared.ByReference):
     cube of the record's length: 600 s with a decay of 30 s take 3800 coefficients and some 10 s.
     The paper's decay of 120 000 s means no decay.
 
-    The external term is a sum of five half-cosines over a run, with the torque's variance as prior
-    variance each.
-
-    Features whose torque cannot reach a small share of the noise are left out, for each coefficient
-    by its own signal. They keep their prior. This changes stiffness by some 1e-3 N·m/rad.
+    The external term is a sum of five half-cosines over a run, without a prior.
 
     The noise variance is estimated from the residual, with the effective number of parameters
     subtracted from the degrees of freedom. The diagnostics' ``second_order_agreement`` is the share
@@ -127,9 +117,10 @@ class KernelRegression(shared.ByReference):
     outside the bands.
     """
 
-    length_periodic: float = attrs.field(default=USUAL["length_periodic"], validator=positive)
-    length_decay: float = attrs.field(default=USUAL["length_decay"], validator=positive)
-    gamma: float | tuple[float, float, float] = attrs.field(default=USUAL["gamma"], validator=GAMMA)
+    # The paper's settings for its simulated study (section 3.2.5).
+    length_periodic: float = attrs.field(default=math.exp(-2), validator=positive)
+    length_decay: float = attrs.field(default=ENDLESS, validator=positive)
+    gamma: float | tuple[float, float, float] = attrs.field(default=4.5, validator=GAMMA)
     band: tuple[float, float] = attrs.field(default=(0.0, 20.0), validator=BAND)
     scale: float | None = attrs.field(default=None, validator=optional(positive))
     reference: str | None = None
@@ -150,16 +141,6 @@ class KernelRegression(shared.ByReference):
     )
     cites = ("lataire2017", "cavallo2020", "vanderuit2021")
 
-    @classmethod
-    def preset(cls, name: Preset, **settings: Any) -> Self:
-        """Return a method with the paper's settings, changed where ``settings`` say otherwise.
-
-        ``"simulation"`` has the settings of the paper's simulated study, and the method's default
-        values. ``"experiment"`` has those of the experimental study.
-        """
-        one_of(Preset).check("KernelRegression", "preset", name)
-        return cls(**(PRESETS[name] | settings))
-
     @property
     def least_share(self) -> float:
         """Return the smallest share of the angle that the reference must predict.
@@ -172,24 +153,23 @@ class KernelRegression(shared.ByReference):
         ensembles = [ensemble] if self.reference is None else [ensemble, moved]
         kernel = kernel_over(ensemble, self.length_periodic, self.length_decay)
         record = Record.of(ensembles, kernel, self.band)
+        moments = record.moments()
+        variances = self._variances(moments, kernel.columns)
+        precision = np.outer(2 / variances, kernel.precision).ravel()
         reweighted = REWEIGHTED * (self.weighting == "residual")
-        posterior = fit_coefficients(record, self._variances(record), reweighted)
-        each = impedance_over(ensemble, kernel, posterior.mean)
+        for remaining in range(reweighted, -1, -1):
+            posterior = fit(moments, precision)
+            each = impedance_over(ensemble, kernel, posterior.mean)
+            left, edge = residual_of(ensemble, each)
+            if remaining:
+                moments = record.moments(record.weights(left))
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
-        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         impedance = each.mean(axis=0)
         impedance[:missing] = impedance[len(impedance) - missing :] = np.nan
-        if len(each) == 1:
-            left, edge = shared.second_order_residual(ensemble, each[0])
-        else:
-            left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, each)
-            left = left[:, edge : ensemble.samples - edge]
-        found = posterior.fit
         # The error E is complex: its variance is that of two numbers.
         details = {
-            "noise_variance": 2 * found.noise_variance,
-            "iterations": found.iterations,
+            "noise_variance": 2 * posterior.noise_variance,
             "second_order_agreement": shared.residual_agreement(moved, left, edge),
         }
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
@@ -198,7 +178,7 @@ class KernelRegression(shared.ByReference):
         # The posterior assumes that the noise is as strong as its mean over the fitted band.
         if self.weighting == "white":
             filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-            share, filters = found.effective / left.size, _in_band(filters, low, high)
+            share, filters = posterior.effective / left.size, _in_band(filters, low, high)
             noise, coloured = shared.noise_colour(moved, left, share, filters)
             factors *= coloured / max(power_in_band(noise, low, high), LEAST_POWER)
         times = times_of(ensemble, kernel)
@@ -207,7 +187,7 @@ class KernelRegression(shared.ByReference):
         errors = shared.posterior_errors(
             [features[missing : ensemble.samples - missing]] * 3,
             [blocks[number, :, number] for number in range(3)],
-            max(1.0, 2 * left.size * (high - low) - found.effective),
+            max(1.0, 2 * left.size * (high - low) - posterior.effective),
             ensemble.samples,
             factors,
         )
@@ -218,10 +198,10 @@ class KernelRegression(shared.ByReference):
             posterior=posterior,
             labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE for j in range(kernel.columns)),
             kernel=kernel,
-            diagnostics=Diagnostics(found.effective, details=details),
+            diagnostics=Diagnostics(posterior.effective, details=details),
         )
 
-    def _scale(self, record: Record) -> float:
+    def _scale(self, moments: Moments, columns: int) -> float:
         """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
 
         Unlike the torque over the angle, the modulus at 1 Hz does not depend on the perturbation or
@@ -229,17 +209,20 @@ class KernelRegression(shared.ByReference):
         """
         if self.scale is not None:
             return self.scale
-        constants = np.zeros((len(record.powers) - 1, record.kernel.columns), dtype=bool)
-        constants[-3:, 0] = True  # by the angle that a reference predicts, if there is one
-        found = fit(record.sums(constants), np.zeros(3))
-        modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, found.mean))
+        # The constant is the first column of a coefficient; the angle predicted from a reference
+        # comes last.
+        constants = moments.take(np.arange(0, len(moments.cross), columns)[-3:])
+        modulus = abs(
+            np.polynomial.polynomial.polyval(2j * np.pi, fit(constants, np.zeros(3)).mean)
+        )
         # A torque that does not depend on the angle would give a scale of 0.
-        floor = 1e-6 * math.sqrt(record.powers[-1] / record.powers[-4])
+        floor = 1e-6 * math.sqrt(constants.square / constants.gram[0, 0])
         return DEGREE / USUAL_MODULUS * max(float(modulus), floor)
 
-    def _variances(self, record: Record) -> Array:
+    def _variances(self, moments: Moments, columns: int) -> Array:
         """Return the prior variances of stiffness, viscosity and inertia about their means."""
-        return np.broadcast_to(np.asarray(self.gamma, dtype=float), 3) * self._scale(record) ** 2
+        scale = self._scale(moments, columns)
+        return np.broadcast_to(np.asarray(self.gamma, dtype=float), 3) * scale**2
 
     def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
         """Compare settings by marginal likelihood: l1 and gammas, then decays.
@@ -251,11 +234,25 @@ class KernelRegression(shared.ByReference):
         noise = endless.diagnostics.details["noise_variance"]
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         kernel = kernel_over(ensemble, self.length_periodic, ENDLESS)
-        record = Record.of([ensemble], kernel, self.band)
-        theta = np.log([self.length_periodic, *self._variances(record), noise])
-        given = search.Candidate(self.length_decay, theta, "as given")
-        tried = search.Search(ensemble, self.band, noise, share).candidates(given)
-        return search.evidence_of(tried, self, self._scale(record))
+        moments = Record.of([ensemble], kernel, self.band).moments()
+        scale = self._scale(moments, kernel.columns)
+        variances = self._variances(moments, kernel.columns)
+        theta = np.log([self.length_periodic, *variances, noise])
+        given = search.Settings(self.length_decay, theta, "as given")
+        tried = search.Search(ensemble, self.band, noise, share).tried(given)
+        return search.evidence_of(tried, self, scale)
+
+
+def residual_of(ensemble: Ensemble, impedance: Array) -> tuple[Array, int]:
+    """Return the residual torque (realization, time), and the time at which it begins.
+
+    The ``impedance`` has shape (realization, time, 3), with one realization if all have the same.
+    """
+    if len(impedance) == 1:
+        return shared.second_order_residual(ensemble, impedance[0])
+    edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
+    left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, impedance)
+    return left[:, edge : ensemble.samples - edge], edge
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -294,8 +291,8 @@ def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
 
 def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
     """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3)."""
-    phase, clock = np.moveaxis(times_of(ensemble, kernel), 1, 0)
-    return kernel.combined(coefficients.reshape(3, -1), phase, clock)
+    weights = coefficients.reshape(3, -1).T
+    return np.stack([kernel(*each) @ weights for each in times_of(ensemble, kernel)])
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

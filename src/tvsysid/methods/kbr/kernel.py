@@ -92,11 +92,6 @@ class Kernel:
         """Return the highest harmonic of the period."""
         return int(self.harmonic[-1])
 
-    @property
-    def place(self) -> NDArray[np.int64]:
-        """Return the column of :meth:`periodic_features` that each feature uses."""
-        return np.asarray(np.maximum(0, 2 * self.harmonic - 1 + self.sine))
-
     def periodic_features(self, phase: Array) -> Array:
         """Return a constant, and cosine and sine of each harmonic, shape (*phase, function)."""
         turn = np.exp(2j * np.pi / self.period * phase)[..., None]
@@ -114,15 +109,9 @@ class Kernel:
 
         ``phase`` is the time of the periodic behaviour, ``clock`` that of the record.
         """
-        periodic, slow = self.periodic_features(phase), self.slow_features(clock)
-        return np.asarray(periodic[..., self.place] * slow[..., self.slow])
-
-    def combined(self, coefficients: Array, phase: Array, clock: Array) -> Array:
-        """Return sums of the features, shape (*time, sum), by coefficients (sum, column)."""
-        periodic, slow = self.periodic_features(phase), self.slow_features(clock)
-        weights = np.zeros((slow.shape[-1], periodic.shape[-1], len(coefficients)))
-        weights[self.slow, self.place] = coefficients.T
-        return np.asarray(np.einsum("...h,...hm->...m", periodic, np.tensordot(slow, weights, 1)))
+        place = np.maximum(0, 2 * self.harmonic - 1 + self.sine)
+        periodic = self.periodic_features(phase)[..., place]
+        return np.asarray(periodic * self.slow_features(clock)[..., self.slow])
 
 
 def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -18,42 +17,15 @@ from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Moments
+from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Array, Ensemble
 
 ComplexArray = NDArray[np.complex128]
-Mask = NDArray[np.bool_]
 
 BLOCK = 512  # frequencies whose regressors are held at once
 # half-cosines over a run that model the smooth external term, from 0 to 2 cycles
 EXTERNAL_TERMS = 5
-# share of the noise that the torque of a feature must be able to reach for it to be fitted
-VISIBLE = 0.03
-
-
-class Sums(NamedTuple):
-    """Products of regressors X and torque y with each other, and with external terms T.
-
-    The values of y are real and imaginary parts of spectra. ``products`` is [X y]ᵀ[X y], of which
-    only the lower triangle is read. ``mixed`` is [X y]ᵀT. The terms are orthogonal, and ``powers``
-    are their squares. ``prior`` is the prior precision of each term. ``number`` is the effective
-    number of values of y.
-    """
-
-    products: Array
-    mixed: Array
-    powers: Array
-    prior: float
-    number: float
-
-    def shrinkage(self, noise: float) -> Array:
-        r"""Return :math:`(T^T T + \sigma^2 q)^{-1}`, shape (term,), with q the prior precision."""
-        return 1 / (self.powers + noise * self.prior)
-
-    def marginal(self, noise: float) -> Moments:
-        """Return the moments with the external terms integrated out for this noise variance."""
-        mixed = self.mixed * np.sqrt(self.shrinkage(noise))
-        products = blas.dsyrk(-1.0, mixed, beta=1.0, c=self.products, lower=1)
-        return Moments.of(products, self.number)
+MIN_POWER = 1e-9  # of a half-cosine in the band, relative to its samples; a fainter one is rounding
 
 
 @attrs.frozen(eq=False)
@@ -64,12 +36,11 @@ class Run:
     last the torque, which is multiplied by the first function only. ``known`` of the ``samples``
     have derivatives; the signals are 0 elsewhere. ``spectra`` (signal x function, frequency) have
     ``norm="ortho"``. They begin ``reach`` bins below the fitted ``bins``, and end as many above.
-    A run begins at ``start`` s of the trial and lasts ``periods`` realizations. ``powers`` are the
-    squares of the signals, ``rate`` is the sampling rate in Hz.
+    A run begins at ``start`` s of the trial and lasts ``periods`` realizations. The sampling
+    ``rate`` is in Hz.
     """
 
     spectra: ComplexArray
-    powers: Array
     bins: slice
     reach: int
     start: float
@@ -107,16 +78,9 @@ class Run:
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
         spectra = spectra[:, np.where(mirrored, samples - place, place)]
         np.conjugate(spectra, out=spectra, where=mirrored)
+        start = float(ensemble.onsets[realizations[0]])
         return cls(
-            spectra,
-            np.einsum("mt,mt->m", signals, signals),
-            bins,
-            reach,
-            float(ensemble.onsets[realizations[0]]),
-            len(realizations),
-            samples,
-            samples - 2 * lost,
-            rate,
+            spectra, bins, reach, start, len(realizations), samples, samples - 2 * lost, rate
         )
 
     @property
@@ -124,42 +88,33 @@ class Run:
         """Return the frequencies in Hz of the bins."""
         return np.arange(self.bins.start, self.bins.stop) * (self.rate / self.samples)
 
-    def external_terms(self, weights: Array) -> tuple[ComplexArray, Array]:
-        """Return weighted spectra (term, bin) and powers (term,) of the external terms.
+    def rows(self, kernel: Kernel) -> Iterator[tuple[slice, ComplexArray]]:
+        """Yield slices of bins and their regressors (row, bin); the last row is the torque.
 
-        The half-cosines are rotated so that their spectra are orthogonal in the band.
+        The regressors are each signal times all columns of the kernel. A product with a harmonic is
+        a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
+        memory from growing with the record times the columns.
         """
-        terms = _half_cosines(self.samples, self.known)[:, self.bins] * weights
-        powers, axes = np.linalg.eigh((terms @ terms.conj().T).real)
-        return axes.T @ terms, np.maximum(powers, 0.0)
-
-    def rows(self, kernel: Kernel, chosen: Mask) -> Iterator[tuple[slice, ComplexArray]]:
-        """Yield slices of bins and their regressors, shape (row, bin).
-
-        ``chosen`` (signal, column) selects the regressors. The last row is the torque. A product
-        with a harmonic is a shift in frequency, exact because a run holds whole periods. Blocks of
-        frequencies keep memory from growing with the record times the columns.
-        """
-        signal, column = np.nonzero(chosen)
-        # The torque is a signal times the first column, the constant.
-        signal, column = np.append(signal, len(self.powers) - 1), np.append(column, 0)
-        source = signal * (1 + kernel.projection.shape[1]) + kernel.slow[column]
-        shift = kernel.harmonic[column] * self.periods
+        functions, last = 1 + kernel.projection.shape[1], len(self.spectra) - 1
+        source = (np.arange(0, last, functions)[:, None] + kernel.slow).ravel()
+        signals = last // functions
+        shift = np.tile(kernel.harmonic * self.periods, signals)
         # A cosine is half of a turn and its conjugate; a sine is a quarter of a turn later.
-        turn = np.exp(2j * np.pi * kernel.harmonic[column] * self.start / kernel.period)[:, None]
-        turn *= np.where(kernel.sine[column] == 0, 0.5, -0.5j)[:, None]
+        turn = np.exp(2j * np.pi * kernel.harmonic * self.start / kernel.period)
+        turn *= np.where(kernel.sine == 0, 0.5, -0.5j)
+        turn = np.tile(turn, signals)[:, None]
         count = self.bins.stop - self.bins.start
         for low in range(0, count, BLOCK):
             high = min(low + BLOCK, count)
             windows = sliding_window_view(self.spectra, high - low, axis=1)
             rows = windows[source, low + self.reach - shift] * turn
             rows += windows[source, low + self.reach + shift] * turn.conj()
-            yield slice(low, high), rows
+            yield slice(low, high), np.concatenate([rows, windows[-1:, low + self.reach]])
 
 
 @lru_cache(maxsize=4)
-def _half_cosines(samples: int, known: int) -> ComplexArray:
-    """Return the spectra of the first half-cosines over a run, 0 outside its known samples."""
+def external_terms(samples: int, known: int) -> ComplexArray:
+    """Return spectra (term, frequency) of half-cosines over a run, 0 outside its known samples."""
     lost = (samples - known) // 2
     place = (np.arange(samples) + 0.5) / samples
     terms = np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place))
@@ -171,15 +126,10 @@ def _half_cosines(samples: int, known: int) -> ComplexArray:
 
 @attrs.frozen(eq=False)
 class Record:
-    """Runs of a record, and the kernel whose features multiply its signals.
-
-    The ``band`` in Hz is fitted. ``powers`` are the summed squares of each signal, the torque last.
-    """
+    """Runs of a record, and the kernel whose features multiply its signals."""
 
     runs: tuple[Run, ...]
     kernel: Kernel
-    band: tuple[float, float]
-    powers: Array
 
     @classmethod
     def of(
@@ -188,7 +138,7 @@ class Record:
         kernel: Kernel,
         band: tuple[float, float],
     ) -> Record:
-        """Divide an ensemble, and that of its instrument, into runs.
+        """Divide an ensemble, and that of its instrument, into runs; the ``band`` in Hz is fitted.
 
         Raise InputError if the band has no data.
         """
@@ -204,53 +154,54 @@ class Record:
                 f"derivatives, within a band of {band[0]:g} to {band[1]:g} Hz; give context, "
                 "longer realizations or a lower band"
             )
-        return cls(runs, kernel, band, np.sum([run.powers for run in runs], axis=0))
+        return cls(runs, kernel)
 
-    @property
-    def size(self) -> int:
-        """Return the number of known samples."""
-        return sum(run.known for run in self.runs)
+    def moments(self, weights: Sequence[Array] | None = None) -> Moments:
+        r"""Return sums over the band's frequencies of products of all regressors X and torque y.
 
-    @property
-    def white(self) -> list[Array]:
-        """Return equal weights of all frequencies, for each run."""
-        return [np.ones(len(run.frequency)) for run in self.runs]
+        Real and imaginary parts count separately. ``weights`` are those of the frequencies of each
+        run. The smooth external terms T of each run have no prior, and are projected out:
 
-    @property
-    def prior(self) -> float:
-        """Return the prior precision of the external terms: two over the torque's mean square."""
-        return 2 * self.size / (float(self.powers[-1]) or 1.0)
-
-    def visible(self, variances: Array, noise: float) -> Mask:
-        """Return which features may exceed a share of the noise, shape (signal, column).
-
-        ``variances`` (signal,) are prior variances, ``noise`` is a sum of squares.
+        .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
         """
-        powers = variances * self.powers[: len(variances)]
-        return np.asarray(powers[:, None] >= VISIBLE * noise * self.kernel.precision)
-
-    def sums(self, chosen: Mask, weights: Sequence[Array] | None = None) -> Sums:
-        """Return sums over the band's frequencies, of the chosen features.
-
-        Real and imaginary parts count separately. Each run has its own external terms. ``weights``
-        are those of the frequencies of each run.
-        """
-        size, number = np.count_nonzero(chosen) + 1, 0.0
-        products, mixed, powers = np.zeros((size, size), order="F"), [], []
-        for run, weight in zip(self.runs, weights or self.white, strict=True):
-            terms, power = run.external_terms(weight)
-            with_terms = np.zeros((size, EXTERNAL_TERMS))
-            for bins, rows in run.rows(self.kernel, chosen):
-                parts = (rows * weight[bins] if weights else rows).view(np.float64)
-                products = blas.dsyrk(
-                    1.0, parts.T, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1
-                )
-                with_terms += parts @ terms[:, bins].view(np.float64).T
+        signals = (len(self.runs[0].spectra) - 1) // (1 + self.kernel.projection.shape[1])
+        size = signals * self.kernel.columns + 1
+        products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
+        for index, run in enumerate(self.runs):
+            weight = weights[index] if weights else np.ones(len(run.frequency))
+            terms = external_terms(run.samples, run.known)[:, run.bins] * weight
+            terms = terms.view(np.float64)
+            powers, axes = np.linalg.eigh(terms @ terms.T)
+            kept = powers > MIN_POWER * run.samples
+            basis = axes[:, kept].T @ terms / np.sqrt(powers[kept, None])
+            with_terms = np.zeros((len(basis), size))
+            for bins, rows in run.rows(self.kernel):
+                parts = (rows * weight[bins]).view(np.float64)
+                products = _added(products, 1.0, parts.T)
+                with_terms += basis[:, 2 * bins.start : 2 * bins.stop] @ parts.T
             mixed.append(with_terms)
-            powers.append(power)
-            number += 2 * len(weight) * run.known / run.samples
-        with_all = np.concatenate(mixed, axis=1)
-        return Sums(products, with_all, np.concatenate(powers), self.prior, number)
+            number += 2 * len(weight) * run.known / run.samples - len(basis)
+        return Moments.of(_added(products, -1.0, np.concatenate(mixed)), number)
+
+    def weights(self, residual: Array) -> list[Array]:
+        """Return weights of each run's frequencies that make a residual (realization, time) white.
+
+        They are inverse to the root of its spectrum, and 1 in the mean.
+        """
+        correlation = autocorrelation(residual - residual.mean())
+        lags = np.arange(1, len(correlation)) / self.runs[0].rate
+        weights = []
+        for run in self.runs:
+            turns = np.cos(2 * np.pi * np.outer(run.frequency, lags))
+            weights.append((1 + 2 * turns @ correlation[1:]) ** -0.5)
+        mean = np.mean(np.concatenate(weights))
+        return [each / mean for each in weights]
+
+
+def _added(products: Array, sign: float, numbers: Array) -> Array:
+    """Add the products of columns (number, column) to the lower triangle of others, in place."""
+    added = blas.dsyrk(sign, numbers, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
+    return np.asarray(added)
 
 
 def kernel_over(ensemble: Ensemble, l1: float, l2: float) -> Kernel:

@@ -11,25 +11,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from operator import attrgetter
-from typing import Any
+from typing import Any, Self
 
 import attrs
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
-from tvsysid.methods.kbr.record import Mask, Record, kernel_over
+from tvsysid.methods.kbr.record import Record, kernel_over
 from tvsysid.methods.tuning import Evidence
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Array, Ensemble
 
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # candidates of l1, from which the search climbs
+WHOLE_RANGE = (LENGTHS[0], LENGTHS[-1])
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
 START = 1e3  # initial power of the torque that each coefficient makes, in noise variances
-# largest rise of log prior variances, without decay and from one decay to the next
-MAX_RISE, MAX_RISE_BY_DECAY = 15.0, math.log(100.0)
+MAX_RISE = 15.0  # largest rise of log prior variances in a climb
 # coefficients above which a decay is not tried, and the given settings are not compared
 MAX_COEFFICIENTS = 2000
 # decrease of the log noise variance from the start at which the data are too few to show any noise
@@ -42,8 +41,8 @@ _value = attrgetter("value")
 
 
 @attrs.frozen(eq=False)
-class Candidate:
-    """Settings, and their log marginal likelihood ``value``.
+class Settings:
+    """Settings of the method, and their log marginal likelihood ``value``.
 
     ``theta`` holds the logs of l1, three prior variances and the complex noise's. ``line``
     describes the difference from the given settings.
@@ -54,8 +53,8 @@ class Candidate:
     line: str
     value: float = math.nan
 
-    def settings(self, scale: float) -> dict[str, Any]:
-        """Return the settings as arguments of the method, rounded to four digits.
+    def arguments(self, scale: float) -> dict[str, Any]:
+        """Return the arguments of the method, rounded to four digits.
 
         Gammas are in units of the squared scale.
         """
@@ -69,40 +68,41 @@ class Likelihood:
     r"""Log marginal likelihood by the logs of l1, three prior variances and the noise variance.
 
     The constants have no prior, and are integrated out with unit density (restricted likelihood).
-    The ``moments`` count the effective number of samples, and the external terms are integrated
-    out. ``signal`` and ``harmonic`` are those of each column. ``flat`` columns are the constants.
+    The ``moments`` count the effective number of samples. The ``kernel`` has all features.
     """
 
     moments: Moments
-    signal: NDArray[np.int64]
-    harmonic: NDArray[np.int64]
-    flat: Mask
+    kernel: Kernel
 
     @classmethod
-    def of(cls, record: Record, visible: Mask, noise: float, share: float = 1.0) -> Likelihood:
-        """Return the likelihood of the ``visible`` features for about this ``noise`` variance.
+    def of(
+        cls, ensemble: Ensemble, kernel: Kernel, band: tuple[float, float], share: float
+    ) -> Self:
+        """Return the likelihood of the features of a kernel.
 
         ``share`` is the effective fraction of independent samples.
         """
-        signal, column = np.nonzero(visible)
-        moments = record.sums(visible).marginal(0.5 * noise).times(share)
-        return cls(moments, signal, record.kernel.harmonic[column], column == 0)
+        return cls(Record.of([ensemble], kernel, band).moments().times(share), kernel)
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Return the restricted log likelihood and its derivatives."""
-        logs, slopes = log_harmonic_variances(math.exp(theta[0]), int(self.harmonic.max()))
-        variances = np.where(self.flat, 0.0, theta[1 + self.signal] + logs[self.harmonic])
+        signal, harmonic = (
+            np.repeat(np.arange(3), self.kernel.columns),
+            np.tile(self.kernel.harmonic, 3),
+        )
+        flat = np.tile(self.kernel.precision == 0, 3)
+        logs, slopes = log_harmonic_variances(math.exp(theta[0]), self.kernel.highest)
+        variances = np.where(flat, 0.0, theta[1 + signal] + logs[harmonic])
         with np.errstate(divide="ignore"):
             strength = variances + np.log(np.diag(self.moments.gram)) - theta[4]
-        counts = self.flat | (strength > math.log(MIN_STRENGTH))
-        precision = np.where(self.flat[counts], 0.0, np.exp(-variances[counts]))
+        counts = flat | (strength > math.log(MIN_STRENGTH))
+        precision = np.where(flat[counts], 0.0, np.exp(-variances[counts]))
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
-        by_variances = found.by_variances
-        by_gamma = np.bincount(self.signal[counts], by_variances, minlength=3)
-        by_length = float(by_variances @ slopes[self.harmonic[counts]])
+        by_gamma = np.bincount(signal[counts], found.by_variances, minlength=3)
+        by_length = float(found.by_variances @ slopes[harmonic[counts]])
         return found.log_evidence, np.array([by_length, *by_gamma, found.by_noise])
 
-    def climb(self, start: Candidate, lengths: tuple[float, float], rise: float) -> Candidate:
+    def climb(self, start: Settings, lengths: tuple[float, float], rise: float) -> Settings:
         """Climb to the highest likelihood near a start, with l1 between two ``lengths``.
 
         ``rise`` is the largest rise of log prior variances; 0 keeps them constant.
@@ -146,27 +146,26 @@ class Search:
     noise: float
     share: float
 
-    def candidates(self, given: Candidate) -> list[Candidate]:
-        """Return all settings that were tried: those given, each l1 without decay, and decays."""
+    def tried(self, given: Settings) -> list[Settings]:
+        """Return all settings that are tried: those given, each l1 without decay, and decays."""
         # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
         kernel = kernel_over(self.ensemble, LENGTHS[0], ENDLESS)
-        record = Record.of([self.ensemble], kernel, self.band)
-        every = np.ones((3, kernel.columns), dtype=bool)
-        strict = Likelihood.of(record, every, self.noise, self.share)
+        strict = Likelihood.of(self.ensemble, kernel, self.band, self.share)
+        powers = strict.moments.gram.diagonal()[:: kernel.columns] / strict.moments.number
         # Each coefficient makes a torque 1000 times the noise.
-        loose = np.log([1.0, *(START * self.noise / record.powers[:3]), self.noise])
-        start = Candidate(ENDLESS, loose, "no decay")
+        loose = np.log([1.0, *(START * self.noise / powers), self.noise])
+        start = Settings(ENDLESS, loose, "no decay")
         found = [strict.climb(start, (length, length), MAX_RISE) for length in LENGTHS]
-        found.append(strict.climb(max(found, key=_value), (LENGTHS[0], LENGTHS[-1]), MAX_RISE))
+        best = strict.climb(max(found, key=_value), WHOLE_RANGE, MAX_RISE)
         kept = math.exp(given.theta[0])
         as_given = self._climb(given, (kept, kept), 0.0) or given
-        return [as_given, *found, *self._decays(max(found, key=_value), kernel)]
+        return [as_given, *found, best, *self._decays(best, kernel)]
 
-    def _decays(self, best: Candidate, kernel: Kernel) -> Iterator[Candidate]:
+    def _decays(self, best: Settings, kernel: Kernel) -> Iterator[Settings]:
         """Yield the best settings for shorter and shorter decays, while the likelihood may rise."""
         for decay in np.array(DECAYS) * kernel.span:
             trial = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
-            found = self._climb(trial, (LENGTHS[0], LENGTHS[-1]), MAX_RISE_BY_DECAY)
+            found = self._climb(trial, WHOLE_RANGE, MAX_RISE)
             if found is None:
                 return
             yield found
@@ -174,28 +173,24 @@ class Search:
                 return
             best = max(best, found, key=_value)
 
-    def _climb(
-        self, start: Candidate, lengths: tuple[float, float], rise: float
-    ) -> Candidate | None:
+    def _climb(self, start: Settings, lengths: tuple[float, float], rise: float) -> Settings | None:
         """Return the best settings near a start with its decay; None if they are too many."""
         try:
             kernel = kernel_over(self.ensemble, math.exp(start.theta[0]), start.decay)
-            record = Record.of([self.ensemble], kernel, self.band)
-            visible = record.visible(np.exp(start.theta[1:4] + rise), self.noise)
-            if visible.sum() > MAX_COEFFICIENTS:
+            if 3 * kernel.columns > MAX_COEFFICIENTS:
                 return None
-            likelihood = Likelihood.of(record, visible, self.noise, self.share)
+            likelihood = Likelihood.of(self.ensemble, kernel, self.band, self.share)
             return likelihood.climb(start, lengths, rise)
         except InputError:
             return None
 
 
-def evidence_of(tried: Sequence[Candidate], method: object, scale: float) -> Evidence:
+def evidence_of(tried: Sequence[Settings], method: object, scale: float) -> Evidence:
     """Return the evidence for settings that were tried; the first are those of the ``method``.
 
     ``scale`` is the unit of gamma.
     """
-    settings = [each.settings(scale) for each in tried]
+    settings = [each.arguments(scale) for each in tried]
     values = np.array([each.value for each in tried])
     chosen = int(np.nanargmax(values))
     settings[0] = {name: getattr(method, name) for name in settings[0]}

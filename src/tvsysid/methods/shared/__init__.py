@@ -16,7 +16,7 @@ from tvsysid.methods.shared.residuals import (
 from tvsysid.methods.shared.windows import impulse_response_model, solve_windows, window_model
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
-from tvsysid.numerics.gaussian import PRIORS, Moments, Regression
+from tvsysid.numerics.gaussian import PRIORS, FittedWeights, Moments
 from tvsysid.numerics.instrument import HARDLY_MOVED
 from tvsysid.numerics.moments import lagged_moments
 from tvsysid.numerics.second_order import (

@@ -17,15 +17,14 @@ REFERENCES = {
 
 
 def cited(keys: Iterable[str]) -> str:
-    """Return a citation in brackets; an empty text without any key.
+    """Return a citation, without brackets.
 
     Examples
     --------
     >>> cited(["macneil1992", "vanderuit2021"])
-    '(MacNeil et al., 1992; van de Ruit et al., 2021)'
+    'MacNeil et al., 1992; van de Ruit et al., 2021'
     """
-    texts = "; ".join(_short(REFERENCES[key]) for key in keys)
-    return f"({texts})" if texts else ""
+    return "; ".join(_short(REFERENCES[key]) for key in keys)
 
 
 def bibliography(keys: Iterable[str]) -> str:

@@ -25,7 +25,3 @@ def test_equals_the_plain_computation(random, direction, threshold):
         beyond = direction * np.maximum(direction * row - threshold, 0.0)
         expected = np.convolve(beyond, firwin(31, 0.1), mode="valid")[5::10]
         np.testing.assert_allclose(result[2 : 2 + len(expected)], expected, atol=1e-12)
-
-
-def test_few_samples_are_averaged():
-    np.testing.assert_allclose(stretch(np.array([[1.0, 3.0, -5.0, -1.0]]), 2), [[2.0, 0.0]])

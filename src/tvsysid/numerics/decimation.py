@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -15,13 +13,10 @@ TAPS = 31
 SHARP = 20
 
 
-@lru_cache(maxsize=16)
 def decimation_weights(factor: float, taps: int = TAPS) -> Array:
     """Hamming-window low-pass with -6 dB at the new Nyquist frequency, shape (taps,)."""
     weights = np.sinc((np.arange(taps) - taps // 2) / factor) * np.hamming(taps)
-    weights /= weights.sum()
-    weights.flags.writeable = False
-    return np.asarray(weights)
+    return np.asarray(weights / weights.sum())
 
 
 def windows_about(x: Array, taps: int = TAPS) -> Array:

@@ -27,10 +27,7 @@ def autocovariance(x: Array, lags: int) -> Array:
     """
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
-    spectrum = rfft(x, size, axis=1)
-    power = np.einsum("rf,rf->f", spectrum.real, spectrum.real) + np.einsum(
-        "rf,rf->f", spectrum.imag, spectrum.imag
-    )
+    power = np.sum(np.abs(rfft(x, size, axis=1)) ** 2, axis=0)
     products = irfft(power, size)[: lags + 1]
     return np.asarray(np.where(np.arange(lags + 1) < count, products / x.size, 0.0))
 

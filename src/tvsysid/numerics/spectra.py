@@ -58,9 +58,8 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
 
 def hann(length: int) -> Array:
     """Return a Hann window that is symmetric about, and peaks at, sample length // 2."""
-    if length % 2 == 0:
-        return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length))
-    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + 1) / (length + 1)))
+    odd = length % 2
+    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + odd) / (length + odd)))
 
 
 def power_spectrum(x: Array) -> Array:
@@ -69,11 +68,8 @@ def power_spectrum(x: Array) -> Array:
     The window is Hann's.
     """
     centred = x - x.mean(axis=1, keepdims=True)
-    spectrum = rfft(centred * hann(x.shape[1]), axis=1)
-    return np.asarray(
-        np.einsum("rf,rf->f", spectrum.real, spectrum.real)
-        + np.einsum("rf,rf->f", spectrum.imag, spectrum.imag)
-    )
+    power = np.abs(rfft(centred * hann(x.shape[1]), axis=1)) ** 2
+    return np.asarray(power.sum(axis=0))
 
 
 def power_share(x: Array, sampling_rate: float, low: float, high: float = math.inf) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from tvsysid.numerics import Array
-from tvsysid.numerics.decimation import TAPS, keep_every
+from tvsysid.numerics.decimation import keep_every
 from tvsysid.numerics.differentiation import derivative_weights
 
 FAST = 500.0  # Hz from which on five samples are enough for a derivative
@@ -51,14 +51,4 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
         c in rad/s, and s, 1 or -1.
     """
     rectify = np.maximum if direction > 0 else np.minimum
-    return decimated(rectify(velocity - direction * threshold, 0.0), ratio)
-
-
-def decimated(values: Array, ratio: int) -> Array:
-    """Values (realization, time * ratio) decimated as the torque is.
-
-    Where too few for the filter, means of groups.
-    """
-    if values.shape[-1] < TAPS:
-        return np.asarray(values.reshape(len(values), -1, ratio).mean(axis=-1))
-    return keep_every(values, ratio)
+    return keep_every(rectify(velocity - direction * threshold, 0.0), ratio)

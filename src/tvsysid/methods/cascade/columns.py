@@ -19,9 +19,8 @@ from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.decimation import TAPS
+from tvsysid.numerics.decimation import TAPS, keep_every
 from tvsysid.numerics.differentiation import derivative_weights
-from tvsysid.numerics.stretch import decimated
 from tvsysid.signals import Ensemble
 
 # Share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
@@ -112,10 +111,10 @@ def unresolved(recorded: Array, lags: int, rate: float) -> Array:
     out = np.zeros((2, *recorded.shape[:2]))
     if ratio > 1:
         angle = recorded.reshape(len(recorded), -1)
-        slow = intrinsic_signals(decimated(angle, ratio), lags, rate)[1:3]
+        slow = intrinsic_signals(keep_every(angle, ratio), lags, rate)[1:3]
         weights = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:, ::-1]
         weights = weights * (rate * ratio) ** np.array([[1], [2]])
-        fast = np.stack([decimated(correlate1d(angle, each), ratio) for each in weights])
+        fast = np.stack([keep_every(correlate1d(angle, each), ratio) for each in weights])
         reach = max(lags, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
         out[..., reach:-reach] = (fast - slow)[..., reach:-reach]
     return out

@@ -13,8 +13,9 @@ from tvsysid.dataset_layout import Labelled
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
+from tvsysid.numerics.decimation import keep_every
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.stretch import decimated, recorded_velocity, stretch
+from tvsysid.numerics.stretch import recorded_velocity, stretch
 from tvsysid.signals import Array, Ensemble
 
 DIRECTIONS = (1, -1)  # of stretch
@@ -74,7 +75,7 @@ class VelocityPolynomial:
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the polynomial at the recorded rate, decimated as the torque was."""
         velocity, ratio = velocity_of(ensemble)
-        return decimated(self.value(velocity), ratio)
+        return keep_every(self.value(velocity), ratio)
 
     def value(self, velocity: Array) -> Array:
         """Return the polynomial at a velocity in rad/s, of any shape."""
@@ -112,7 +113,7 @@ def velocity_terms(ensemble: Ensemble, degree: int) -> Array:
     """Return the terms (degree, realization, time) of a polynomial of the velocity, decimated."""
     velocity, ratio = velocity_of(ensemble)
     terms = _terms(velocity, _limits(velocity), degree)
-    return np.stack([decimated(each, ratio) for each in np.moveaxis(terms, -1, 0)])
+    return np.stack([keep_every(each, ratio) for each in np.moveaxis(terms, -1, 0)])
 
 
 def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float]:

@@ -57,15 +57,17 @@ Methods = Annotated[
 
 def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Take options that were not typed from FILE.toml beside the recording, and say so."""
+    tokens = {argument.name: argument.tokens for argument in arguments}
+    if "--angle" not in tokens:
+        return
     from cyclopts.config import Dict
 
     from tvsysid.recordings import recordings_in
     from tvsysid.recordings.saved import saved_settings, settings_file
 
-    tokens = {argument.name: argument.tokens for argument in arguments}
     typed = [Path(token.value) for name in FILES for token in tokens.get(name, ())]
     paths = [path for path in map(settings_file, recordings_in(typed)) if path.is_file()]
-    if paths and "--angle" in tokens:
+    if paths:
         saved = saved_settings(paths[0])
         channels = named_channels(saved.get("channels", ()))
         saved["channels"] = [f"{own}={name}" for own, name in channels.items()]

@@ -67,7 +67,7 @@ def every_column(fit):
     """All columns, and the derivatives by the shape, (column, realization, time)."""
     bases = np.split(fit.data.functions.T, fit.data.starts[1:])
     parts = [x * a[:, None] for x, a in zip(fit.data.signals, bases, strict=True)]
-    return np.concatenate([*parts, fit.reflex_columns(), fit.slopes()])
+    return np.concatenate([*parts, fit.regression.columns, fit.slopes()])
 
 
 def matrix_of(correlation, times):

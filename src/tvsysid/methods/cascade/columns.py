@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -30,8 +28,8 @@ FITTED_BAND = (0.5, 15.0)  # Hz, of the second-order fit to the intrinsic respon
 NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
-MAX_FEW = 2  # realizations up to which products of columns are not sums over these first
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
+ALL = slice(None)  # realizations
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 
 
@@ -144,102 +142,9 @@ def convolved(values: Array, response: Array) -> Array:
     return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
 
 
-class Columns(NamedTuple):
-    """Columns of a regression: signals times functions of time, perhaps behind a muscle.
-
-    The ``signals`` have shape (signal, realization, history + time), the ``functions`` (history +
-    time, function). The ``muscle`` is the matrix (time, history + time) of its impulse response.
-    There are several signals, or several functions.
-    """
-
-    signals: Array
-    functions: Array
-    muscle: Array | None = None
-
-    @classmethod
-    def explicit(cls, values: Array) -> Columns:
-        """Return columns from their values (column, realization, time)."""
-        return cls(values, np.ones((values.shape[-1], 1)))
-
-    @classmethod
-    def behind(cls, response: Array, signal: Array, functions: Array, times: int) -> Columns:
-        """Return a signal (realization, history + time) times functions, behind a response.
-
-        The values of few columns, or of few realizations, are computed.
-        """
-        if functions.shape[1] == 1 or len(signal) <= MAX_FEW:
-            values = convolved(signal * functions.T[:, None], response)
-            return cls.explicit(values[..., -times:])
-        history, window = len(functions) - times, min(times, MAX_WINDOW)
-        response = np.pad(response, (0, history + window))
-        later = response[history : history + window]
-        matrix = toeplitz(later, np.pad(response[history::-1], (0, window - 1)))
-        return cls(signal[None], functions, matrix)
-
-    def within(self, rows: slice, window: slice) -> Columns:
-        """Return the columns of some realizations in a window of time."""
-        signals, functions, muscle = self
-        if muscle is not None:
-            size = window.stop - window.start
-            late = muscle.shape[1] - muscle.shape[0]
-            muscle, window = muscle[:size, : size + late], slice(window.start, window.stop + late)
-        return Columns(signals[:, rows, window], functions[window], muscle)
-
-    @property
-    def are_explicit(self) -> bool:
-        """Return whether the columns are the signals."""
-        return len(self.functions.T) == 1
-
-    def times(self, weighted: Array) -> Array:
-        """Return products of these with weighted columns (column, realization, time)."""
-        if self.are_explicit:
-            return np.asarray(np.tensordot(self.signals, weighted, ((1, 2), (1, 2))))
-        weighted = weighted if self.muscle is None else weighted @ self.muscle
-        return np.asarray(self.functions.T @ np.einsum("rt,krt->tk", self.signals[0], weighted))
-
-    def summed(self, other: Columns, weights: Array) -> Array:
-        """Return weighted products with others. Many realizations are summed first."""
-        weights = weights if self.muscle is None else self.muscle.T @ weights
-        weights = weights if other.muscle is None else weights @ other.muscle
-        sums = self.signals[0].T @ other.signals[0] * weights
-        return np.asarray(self.functions.T @ sums @ other.functions)
-
-
-Windows = Sequence[tuple[slice, Array]]  # stretches of time, and the weights of their samples
-
-
-def extended(
-    known: Array,
-    columns: Sequence[Columns],
-    further: Columns,
-    windows: Windows,
-    rows: slice = slice(None),
-) -> Array:
-    """Return weighted products of columns and further ones. Those of the first are ``known``."""
-    sums = np.zeros(())
-    for window, weights in windows:
-        every = [each.within(rows, window) for each in (*columns, further)]
-        last = every[-1]
-        if last.are_explicit:
-            weighted = last.signals @ weights
-            parts = [each.times(weighted) for each in every]
-        else:
-            parts = [
-                last.times(each.signals @ weights).T
-                if each.are_explicit
-                else each.summed(last, weights)
-                for each in every
-            ]
-        sums = sums + np.concatenate(parts)
-    return np.block([[known, sums[: len(known)]], [sums.T]])
-
-
-def products(columns: Sequence[Columns], windows: Windows, rows: slice = slice(None)) -> Array:
-    """Return weighted products of all columns."""
-    out = np.zeros((0, 0))
-    for place, further in enumerate(columns):
-        out = extended(out, columns[:place], further, windows, rows)
-    return out
+def dot(columns: Array, others: Array) -> Array:
+    """Return products of columns (column, realization, time)."""
+    return np.asarray(np.tensordot(columns, others, ((1, 2), (1, 2))))
 
 
 @attrs.frozen(eq=False)
@@ -315,6 +220,11 @@ class Data:
         return int(self.functions.shape[1])
 
     @property
+    def bases(self) -> list[Array]:
+        """Return the functions (time, column) of each signal at the fitted times."""
+        return np.split(self.functions[self.times], self.starts[1:], axis=1)
+
+    @property
     def varies(self) -> bool:
         """Return whether any coefficient changes over time."""
         return self.own > len(self.signals)
@@ -325,7 +235,7 @@ class Data:
         functions, starts = self.functions[:, self.starts], list(range(len(self.starts)))
         return attrs.evolve(self, functions=functions, starts=starts, gain=FourierSeries(0))
 
-    def weights(self, true: Array | None = None) -> Windows:
+    def weights(self, true: Array | None = None) -> list[tuple[slice, Array]]:
         """Return stretches of time, and the weights (time, time) of the samples in each.
 
         If the noise's ``true`` autocorrelation is another one, products of columns with these
@@ -333,34 +243,58 @@ class Data:
         """
         rows, times = self.torque.shape
         edges = np.linspace(0, times, -(-times // MAX_WINDOW) + 1).astype(int).tolist()
-
-        @cache
-        def weights(size: int) -> Array:
-            inverse = np.linalg.inv(_matrix(self.noise, size))
+        windows = []
+        for start, stop in pairwise(edges):
+            inverse = np.linalg.inv(_matrix(self.noise, stop - start))
             if rows == 1:  # its mean is not known
                 weight = inverse.sum(axis=0)
                 inverse = inverse - np.outer(weight, weight) / weight.sum()
-            return np.asarray(inverse if true is None else inverse @ _matrix(true, size) @ inverse)
-
-        return [(slice(start, stop), weights(stop - start)) for start, stop in pairwise(edges)]
+            if true is not None:
+                inverse = inverse @ _matrix(true, stop - start) @ inverse
+            windows.append((slice(start, stop), inverse))
+        return windows
 
     @cached_property
-    def windows(self) -> Windows:
+    def windows(self) -> list[tuple[slice, Array]]:
         """Return the weights of the samples."""
         return self.weights()
 
-    @property
-    def columns(self) -> list[Columns]:
-        """Return the torque and the intrinsic columns. Those after velocity are constant."""
-        *changing, _ = np.split(self.functions[self.times], self.starts[1:3], axis=1)
-        parts = zip(self.signals[:2, None], changing, strict=True)
-        explicit = map(Columns.explicit, (self.torque[None], self.signals[2:]))
-        return [next(explicit), *(Columns(*part) for part in parts), *explicit]
+    def weighted(self, values: Array, true: Array | None = None) -> Array:
+        """Return values (…, time) times the weights. See :meth:`weights`."""
+        windows = self.windows if true is None else self.weights(true)
+        return np.concatenate([values[..., at] @ weights for at, weights in windows], axis=-1)
+
+    def cross(self, weighted: Array, rows: slice) -> Array:
+        """Return the products of torque and intrinsic columns with weighted columns."""
+        own = [np.einsum("rt,krt->tk", signal[rows], weighted) for signal in self.signals]
+        parts = [basis.T @ each for basis, each in zip(self.bases, own, strict=True)]
+        return np.concatenate([dot(self.torque[None, rows], weighted), *parts])
+
+    def products(self, rows: slice = ALL, true: Array | None = None) -> Array:
+        """Return the weighted products of torque and intrinsic columns of some realizations."""
+        parts = [
+            each[rows] * at.T[:, None] for each, at in zip(self.signals, self.bases, strict=True)
+        ]
+        columns = np.concatenate([self.torque[None, rows], *parts])
+        return self.cross(self.weighted(columns, true), rows)
+
+    def extended(
+        self,
+        known: Array,
+        columns: Array,
+        further: Array,
+        rows: slice = ALL,
+        true: Array | None = None,
+    ) -> Array:
+        """Return ``known`` products of torque and columns, with those of further columns."""
+        weighted = self.weighted(further[:, rows], true)
+        cross = np.concatenate([self.cross(weighted, rows), dot(columns[:, rows], weighted)])
+        return np.block([[known, cross], [cross.T, dot(further[:, rows], weighted)]])
 
     @cached_property
     def fold_products(self) -> list[Array]:
         """Return the products of torque and intrinsic columns in each fold."""
-        return [products(self.columns, self.windows, rows) for rows in self.folds]
+        return [self.products(rows) for rows in self.folds]
 
     def features(self, weights: Array) -> Array:
         """Return the weights (time, column) that sum the signals' weighted coefficients."""
@@ -372,8 +306,7 @@ class Data:
 
     def squares(self, values: Array) -> Array:
         """Return the weighted squares of values (realization, time), one for each realization."""
-        parts = [values[:, times] @ weights * values[:, times] for times, weights in self.windows]
-        return np.asarray(np.concatenate(parts, axis=1).sum(axis=1))
+        return np.asarray(np.sum(values * self.weighted(values), axis=1))
 
 
 def _matrix(correlation: Array, times: int) -> Array:

@@ -12,8 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.columns import Columns, Data, convolved, deviations, extended, muscle
-from tvsysid.methods.cascade.columns import products as products_of
+from tvsysid.methods.cascade.columns import ALL, Data, convolved, deviations, muscle
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
@@ -59,48 +58,41 @@ class Regression:
     drive: Callable[[float], Array] | None
     shape: Array
 
-    @cached_property
-    def _reflex(self) -> tuple[Array, Array, Array]:
-        """Return the drive, the functions of the gain at the times of arrival, and the muscle."""
-        assert self.drive is not None
+    def reflex(self, coefficients: Array) -> Array:
+        """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
+
+        The gain is that at the time of arrival.
+        """
+        if self.drive is None:
+            return np.zeros((0, *self.data.torque.shape))
         data, drive = self.data, self.drive(float(self.shape[THRESHOLD]))
         steps = np.arange(-drive.shape[1], 0) + data.times.stop
         gain = data.gain((steps / data.rate + float(self.shape[DELAY])) / data.period)
-        return drive, gain, muscle(self.shape, len(steps), data.rate)
-
-    def reflex(self, coefficients: Array) -> Array:
-        """Return the reflex torque (realization, time). The gain is that at the time of arrival."""
-        drive, gain, response = self._reflex
-        return convolved(drive * (gain @ coefficients), response)[:, -self.data.torque.shape[1] :]
+        response = muscle(self.shape, len(steps), data.rate)
+        arriving = drive * (gain @ coefficients).T[:, None]
+        return convolved(arriving, response)[..., -data.torque.shape[1] :]
 
     def torques(self, coefficients: Array) -> tuple[Array, Array]:
         """Return intrinsic and reflex torque (realization, time), less their means."""
         data, (own, gain) = self.data, np.split(coefficients, [self.data.own])
         torque = np.einsum("ts,srt->rt", data.over_time(own)[data.times], data.signals)
-        reflex = self.reflex(gain) if len(gain) else np.zeros_like(torque)
-        return deviations(torque), deviations(reflex)
+        return deviations(torque), deviations(self.reflex(gain[:, None]).sum(axis=0))
 
     def residual(self, coefficients: Array) -> Array:
         """Return the residual torque (realization, time)."""
         return np.asarray(self.data.torque - np.sum(self.torques(coefficients), axis=0))
 
     @cached_property
-    def columns(self) -> list[Columns]:
-        """Return the torque and all columns."""
-        if self.drive is None:
-            return self.data.columns
-        drive, gain, response = self._reflex
-        times = self.data.torque.shape[1]
-        return [*self.data.columns, Columns.behind(response, drive, gain, times)]
+    def columns(self) -> Array:
+        """Return the columns of the reflex (column, realization, time)."""
+        count = 2 * self.data.gain.harmonics + 1
+        return self.reflex(np.eye(count))
 
-    def products(self, rows: slice = slice(None)) -> Array:
+    def products(self, rows: slice = ALL) -> Array:
         """Return the products of torque and columns of some realizations, by default of all."""
         data, folds = self.data, self.data.fold_products
-        known = np.sum(folds, axis=0) if rows == slice(None) else folds[data.folds.index(rows)]
-        if self.drive is None:
-            return np.asarray(known)
-        *own, reflex = self.columns
-        return extended(known, own, reflex, data.windows, rows)
+        known = np.sum(folds, axis=0) if rows == ALL else folds[data.folds.index(rows)]
+        return data.extended(known, self.columns[:0], self.columns, rows)
 
     @cached_property
     def all_products(self) -> Array:
@@ -201,19 +193,14 @@ class Fit:
         shape[self.free] = np.clip(values, LOWEST[self.free], HIGHEST[self.free])
         return attrs.evolve(self, regression=attrs.evolve(self.regression, shape=shape))
 
-    def reflex_columns(self) -> Array:
-        """Return the columns of the reflex (column, realization, time)."""
-        units = np.eye(len(self.posterior.mean) - self.data.own)
-        return np.stack([self.regression.reflex(unit) for unit in units])
-
     def slopes(self) -> Array:
         """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
-        coefficients, slopes = self.posterior.mean[self.data.own :], []
+        coefficients, slopes = self.posterior.mean[self.data.own :, None], []
         numbers = self.shape[self.free]
         for step in np.diag(STEP[self.free]):
             ends = [self.with_shape(numbers + each).regression for each in (-step, step)]
             change = ends[1].reflex(coefficients) - ends[0].reflex(coefficients)
-            slopes.append(change / np.sum(ends[1].shape - ends[0].shape))
+            slopes.append(change[0] / np.sum(ends[1].shape - ends[0].shape))
         return np.array(slopes).reshape(-1, *self.data.torque.shape)
 
     def moments_with_slopes(self, true: Array | None = None) -> Moments:
@@ -221,12 +208,13 @@ class Fit:
 
         With the noise's ``true`` autocorrelation they are those of the sandwich covariance.
         """
-        columns, slopes = self.regression.columns, Columns.explicit(self.slopes())
+        data, columns, slopes = self.data, self.regression.columns, self.slopes()
         if true is None:
-            found = extended(self.regression.all_products, columns, slopes, self.data.windows)
+            found = data.extended(self.regression.all_products, columns, slopes)
         else:
-            found = products_of([*columns, slopes], self.data.weights(true))
-        return moments_of(found, self.data.number)
+            further = np.concatenate([columns, slopes])
+            found = data.extended(data.products(ALL, true), further[:0], further, ALL, true)
+        return moments_of(found, data.number)
 
     @property
     def freedom(self) -> float:

@@ -187,7 +187,7 @@ def test_both_pathways_are_found(case):
     ensemble, truth = simulated(case, 150 if case == "E" else 40)
     ensemble = tv.preprocess.subtract_mean(ensemble)
     model = tv.JointCascade().identify(ensemble)
-    details, sign = model.diagnostics.details, "negative" if case == "N" else "positive"
+    details = model.diagnostics.details
     assert model.diagnostics.warnings == ()
     assert (details["reflex_shown"], details["direction"]) == (1, -1 if case == "N" else 1)
     # The error of stiffness by sds is 55.
@@ -200,7 +200,6 @@ def test_both_pathways_are_found(case):
     assert details["frequency"] == pytest.approx(15.6, rel=0.06)
     assert details["damping"] == pytest.approx(0.62, rel=0.12)
     assert details["threshold"] == pytest.approx(CASES[case].get("threshold", 0.0), abs=0.03)
-    assert details[f"evidence_{sign}"] > details["evidence_linear"] + 20
     assert details["vaf_held_out"] == pytest.approx(details["vaf"], abs=1.5)
     np.testing.assert_allclose(model.impulse_response.sum(axis=1) / 100, model.stiffness, rtol=1e-9)
     shares = model.with_shares(ensemble).diagnostics.details  # of the torque that it predicts

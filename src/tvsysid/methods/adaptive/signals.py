@@ -88,16 +88,12 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
 
     A channel of EMG may drive the reflex.
     """
-    shown = None
     if len(ensemble) < MIN_TESTED_REALIZATIONS:
         return None
     try:
-        if emg is None:
-            test = reflex_test_of(ensemble)
-            if not test.shown:
-                return None
-            shown = "positive" if test.direction > 0 else "negative"
-        selection = JointCascade(emg=emg).search(ensemble).select(shown)
+        if emg is None and not reflex_test_of(ensemble).shown:
+            return None
+        selection = JointCascade(emg=emg).search(ensemble).select()
     except InputError:  # realizations are too short
         return None
     return selection if selection.shown else None

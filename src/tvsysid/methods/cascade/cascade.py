@@ -16,8 +16,8 @@ from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.columns import intrinsic_filters, muscle, readout, unresolved
 from tvsysid.methods.cascade.fit import DELAY, HIGHEST, IS_LOG, LOWEST, NUMBERS, THRESHOLD, Fit
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
-from tvsysid.methods.cascade.search import DIRECTIONS, Hyperparameters, Search, Selection
-from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
+from tvsysid.methods.cascade.search import DIRECTIONS, Search, Selection
+from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.stretch import FAST
 from tvsysid.signals import Array, Ensemble
@@ -99,8 +99,8 @@ class JointCascade(Method):
 
     A test on held-out realizations (:func:`tvsysid.methods.cascade.reflex_test.reflex_test_of`)
     decides whether there is a reflex, and in which direction of stretch s. With fewer than eight
-    realizations the evidence decides. Where no reflex is shown, the model has none, and the band
-    of ``reflex_gain`` says how large a gain the data allow.
+    realizations, and with EMG, the evidence decides. Where no reflex is shown, the model has none,
+    and the band of ``reflex_gain`` says how large a gain the data allow.
 
     Viscosity, reflex gain and their bands are never negative. Stiffness and the gain of EMG keep
     one sign. Sizes and decays are found without this limit. A warning says so if the limit costs
@@ -115,9 +115,8 @@ class JointCascade(Method):
     The diagnostics' ``details`` hold the shape with standard errors; ``direction``;
     ``reflex_shown`` and ``constant``, 1 or 0; the explained share of the torque in per cent
     (``vaf``, ``vaf_intrinsic``, ``vaf_reflex``; the last two need not add up), and that of held-out
-    torque (``vaf_held_out``, by thirds of the realizations, in turn); the log evidence without a
-    reflex, with a linear late response, and with each direction; ``stiffness_fitted``, the mean
-    stiffness of the second-order fit.
+    torque (``vaf_held_out``, by thirds of the realizations, in turn); ``stiffness_fitted``, the
+    mean stiffness of the second-order fit.
 
     References
     ----------
@@ -166,14 +165,6 @@ class JointCascade(Method):
         """Return the model of an ensemble."""
         return model_of(repr(self), self.search(ensemble).select())
 
-    def refit(self, ensemble: Ensemble, model: Model) -> Model:
-        """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
-        if not isinstance(model, JointCascadeModel):
-            return self.identify(ensemble)
-        if not model.diagnostics.details["reflex_shown"]:
-            return self.identify(ensemble)
-        return model_of(repr(self), self.search(ensemble).refit(model.hyperparameters))
-
     def search(self, ensemble: Ensemble) -> Search:
         """Return the reflexes that may explain the torque of an ensemble."""
         return Search(ensemble, **attrs.asdict(self))
@@ -195,12 +186,10 @@ class JointCascadeModel(TwoPathwayModel):
 
     ``fast_response`` (time, 2) is the viscosity and inertia for the velocity and acceleration
     that the decimated angle lacks (:func:`tvsysid.methods.cascade.columns.unresolved`), if
-    the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the fit with the
-    reflex whose gain is stated.
+    the ensemble keeps the angle as recorded.
     """
 
     fast_response: Array
-    hyperparameters: Hyperparameters
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         found = super()._pathways(ensemble)
@@ -234,9 +223,8 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
 
     The gain is stated in both.
     """
-    search, fits, name, shown, fit = selection
+    search, name, _, fit, used = selection
     ensemble, lags, rate = search.ensemble, search.lags, search.ensemble.sampling_rate
-    used = fit if shown else fits["none"]
     data, mean = used.data, used.posterior.mean
     weights = np.eye(1, len(data.starts)), readout(lags, rate)[1:]
     features = [data.features(each) for each in np.concatenate(weights)]
@@ -251,7 +239,7 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
     known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
     over_time = data.over_time(mean[: data.own])
-    details = _details(selection, used)
+    details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ readout(lags, rate)[0]).mean())
     mean_stiffness = float(over_time[data.times, 0].mean())
     texts = _warnings(selection, details, mean_stiffness, estimates["reflex_gain"])
@@ -266,7 +254,6 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         reflex_lags=reflex_lags,
         drive=search.drive(name, float(fit.shape[THRESHOLD])),
         fast_response=over_time[:, 1:3],
-        hyperparameters=Hyperparameters(name, data.varies, data.noise, fit.shape, fit.parameters),
         diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
     )
 
@@ -317,8 +304,8 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     return windows[:, ::-1] * weights / weights.sum(), lags
 
 
-def _details(selection: Selection, used: Fit) -> dict[str, float]:
-    _, fits, name, shown, fit = selection
+def _details(selection: Selection) -> dict[str, float]:
+    _, name, shown, fit, used = selection
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[fit.free]
@@ -331,10 +318,7 @@ def _details(selection: Selection, used: Fit) -> dict[str, float]:
         del details["threshold"]
     torques = used.regression.torques(used.posterior.mean)
     details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, torques, strict=True)))
-    if fits:  # else it is a part of the realizations that is fitted again
-        details["vaf_held_out"] = 100 * used.share()
-    evidence = {**fits, name: fit} if shown else fits
-    return details | {f"evidence_{each}": float(evidence[each].objective) for each in evidence}
+    return details | {"vaf_held_out": 100 * used.share()}
 
 
 def _warnings(

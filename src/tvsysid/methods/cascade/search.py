@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cached_property, lru_cache, partial
 from itertools import product
@@ -27,7 +27,6 @@ from tvsysid.methods.cascade.fit import (
 )
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
 from tvsysid.methods.cascade.reflex_test import (
-    MAX_P_VALUE,
     MIN_TESTED_REALIZATIONS,
     predicts_better,
     reflex_test_of,
@@ -54,24 +53,14 @@ CACHED_DRIVES = 16  # of the initial thresholds in each direction, and of those 
 DIRECTIONS = {"positive": 1, "negative": -1}
 
 
-class Hyperparameters(NamedTuple):
-    """Settings that determine a fit, except its coefficients."""
-
-    reflex: str
-    varies: bool
-    noise: Array
-    shape: Array
-    parameters: Array
-
-
 class Selection(NamedTuple):
-    """Selected reflex, whether it is ``shown``, and its fit among those of a search."""
+    """Fit with the most likely reflex, and ``used`` fit, which has none if none is shown."""
 
     search: Search
-    fits: Mapping[str, Fit]
     name: str
     shown: bool
     fit: Fit
+    used: Fit
 
 
 @attrs.frozen(eq=False)
@@ -128,10 +117,13 @@ class Search:
         """Return the regression with the named reflex."""
         return Regression(data, None if name == "none" else partial(self._past, name), shape)
 
+    @property
+    def _delays(self) -> tuple[float, ...]:
+        usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
+        return DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
+
     def _started(self, name: str) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
-        usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
-        delays = DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
         thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
         free = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
         free += [DELAY] * (self.delay == "fit")
@@ -141,7 +133,7 @@ class Search:
                 [] if name == "none" else free,
                 USUAL_PARAMETERS,
             )
-            for each in product(delays, FREQUENCIES, thresholds)
+            for each in product(self._delays, FREQUENCIES, thresholds)
         ]
         return _best(fits).improved()
 
@@ -178,43 +170,36 @@ class Search:
         is_misfit = white - best.share() > MAX_MISFIT * (1 - white)
         return solved(data) if is_misfit else fits
 
-    def select(self, shown: str | None = None) -> Selection:
-        """Return the fits with each reflex and without one, and the selected one.
+    def select(self) -> Selection:
+        """Return the fit with a reflex if the data show one.
 
-        If ``shown`` names a reflex that is known to be there, only its fit is computed.
+        Held-out realizations decide. Of few or short ones, and with EMG, the evidence decides: the
+        reflex is compared with no reflex, a linear late response and the other direction.
         """
-        compared = ("linear", *DIRECTIONS) if self.emg is None else ("emg",)
-        fits = self.fits((shown,) if shown else ("none", *compared))
-        name, is_shown = (shown, True) if shown else self._shown(fits)
-        if is_shown:
-            return Selection(self, fits, name, True, self.limited(_refined(fits[name])))
-        fits["none"] = self.limited(fits["none"])
-        unshown = self.regression(name, fits[name].data, _shape(fits[name].shape[DELAY]))
-        return Selection(self, fits, name, False, self.limited(Fit(unshown, [])))
-
-    def refit(self, known: Hyperparameters) -> Selection:
-        """Return the fit with known hyperparameters, of a reflex that is shown."""
-        data = self.data if known.varies else self.data.constant
-        data = attrs.evolve(data, noise=known.noise)
-        fit = Fit(self.regression(known.reflex, data, known.shape), [], known.parameters)
-        return Selection(self, {}, known.reflex, True, self.limited(fit))
-
-    def _shown(self, fits: Mapping[str, Fit]) -> tuple[str, bool]:
-        """Return the name of the most likely reflex, and whether the data show one.
-
-        Of few or short realizations, the evidence decides: the reflex is compared with no reflex,
-        with a linear late response and with the other reflexes.
-        """
-        if len(self.ensemble) >= MIN_TESTED_REALIZATIONS:
-            if self.emg is not None:
-                return "emg", _p_value(fits["emg"], fits["none"]) < MAX_P_VALUE
+        names = ("linear", *DIRECTIONS) if self.emg is None else ("emg",)
+        if self.emg is None and len(self.ensemble) >= MIN_TESTED_REALIZATIONS:
             with suppress(InputError):  # realizations are too short for it
                 test = reflex_test_of(self.ensemble)
-                return {1: "positive", -1: "negative"}[test.direction], test.shown
-        evidence = {name: fit.objective for name, fit in fits.items()}
-        best = max(evidence.keys() - {"none", "linear"}, key=lambda name: evidence[name])
-        others = [each for name, each in evidence.items() if name != best]
-        return best, evidence[best] - max(others) > MIN_EVIDENCE_GAIN
+                name = "positive" if test.direction > 0 else "negative"
+                if test.shown:
+                    return self.shown(name, self.fits([name])[name])
+                return self.unshown(name, self.fits(["none"])["none"])
+        fits = self.fits(("none", *names))
+        name = max(names[-2:], key=lambda name: fits[name].objective)
+        others = [each.objective for other, each in fits.items() if other != name]
+        if fits[name].objective - max(others) > MIN_EVIDENCE_GAIN:
+            return self.shown(name, fits[name])
+        return self.unshown(name, fits["none"])
+
+    def shown(self, name: str, fit: Fit) -> Selection:
+        """Return the fit with a reflex that is shown."""
+        fit = self.limited(_refined(fit))
+        return Selection(self, name, True, fit, fit)
+
+    def unshown(self, name: str, none: Fit) -> Selection:
+        """Return the fit without a reflex, and one with a usual reflex, whose gain it bounds."""
+        fit = Fit(self.regression(name, none.data, _shape(self._delays[0])), [])
+        return Selection(self, name, False, self.limited(fit), self.limited(none))
 
     def limited(self, fit: Fit) -> Fit:
         """Return the fit with the same hyperparameters, without negative viscosity and gain.
@@ -260,10 +245,5 @@ def _is_better(best: Fit, rest: Fit, least: float = 0.0) -> bool:
     """Return whether a fit predicts better; of few realizations, has so much more evidence."""
     if len(best.data.torque) < MIN_TESTED_REALIZATIONS:
         return best.objective > rest.objective + least
-    return _p_value(best, rest) < MAX_CHANGE_P_VALUE
-
-
-def _p_value(fit: Fit, other: Fit) -> float:
-    """Return the probability that a fit predicts so much better than another by chance."""
-    squares = fit.data.squares
-    return predicts_better(squares(fit.held_out), squares(other.held_out))
+    squares = best.data.squares
+    return predicts_better(squares(best.held_out), squares(rest.held_out)) < MAX_CHANGE_P_VALUE

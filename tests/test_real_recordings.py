@@ -107,7 +107,6 @@ def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle, key):
     if key == "cascade":
         assert (upper - lower).mean() < 16
         assert details["direction"] == 1
-        assert details["evidence_positive"] > details["evidence_negative"] + 20
         # Slow drift counts, which nothing explains.
         assert details["vaf"] == pytest.approx(share, abs=1.5)
         assert details["vaf_held_out"] == pytest.approx(details["vaf"], abs=1)

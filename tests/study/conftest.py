@@ -1,30 +1,30 @@
 import dataclasses
 import os
 
-import numpy as np
 import pytest
+import xarray as xr
 
 import tvsysid as tv
 from tvsysid.study import Study, run
 
 SMALL = {"duration_s": [60.0], "trials": 3, "methods": ["sds", "kbr"]}
-TIMES = ["seconds"]  # variables that are not the same twice
+
+
+def same(one, other):
+    """Compare results but for their times, which are not the same twice."""
+    xr.testing.assert_identical(one.drop_vars("seconds"), other.drop_vars("seconds"))
 
 
 @dataclasses.dataclass(frozen=True)
 class Mine(tv.Method):
-    """A researcher's own method: a constant joint's stiffness by regression on the angle alone.
-
-    Or it goes wrong.
-    """
+    """A researcher's own method, which ends its process if it is told to."""
 
     fault: str = ""
 
     def fit(self, ensemble):
         if self.fault == "dies":
             os._exit(9)
-        angle, torque = ensemble.angle[:, ensemble.core], ensemble.torque[:, ensemble.core]
-        return tv.Model.of(ensemble, np.sum(angle * torque) / np.sum(angle * angle))
+        return tv.Model.of(ensemble, 100.0)
 
 
 @pytest.fixture(scope="session")

@@ -1,56 +1,27 @@
 import numpy as np
 import pytest
-import xarray as xr
 from tests.study.conftest import SMALL
+from tests.synthetic import results_of
 
 import tvsysid as tv
 from tvsysid.study import Study, run, score, summarize
 from tvsysid.study.scores import METRICS
 from tvsysid.study.summary import COLUMNS
 
+SQUARE = tv.simulate.SquareWave()(np.arange(200) / 100)
 
-def made_up(estimates, over_time=None, profile="square", covered=None):
-    """Make results of one scenario and one method from stiffness of shape (trial, time).
 
-    Its bands are ± 5 N·m/rad.
-    """
-    trials = len(estimates)
-    time = np.arange(200) / 100
-    truth = np.asarray(tv.simulate.PROFILES[profile](time))
-    cell = ("scenario", "trial", "method_key")
-    covered = (
-        np.where(np.isfinite(estimates), np.abs(estimates - truth) <= 5, np.nan)
-        if covered is None
-        else covered
-    )
-    over_time = np.full((trials, 200), 90.0) if over_time is None else over_time
-    return xr.Dataset(
-        {
-            "estimate": ((*cell, "quantity", "time"), estimates[None, :, None, None]),
-            "time_varying_vaf": ((*cell, "time"), over_time[None, :, None]),
-            "covered": ((*cell, "quantity", "time"), covered[None, :, None, None]),
-            "vaf": (cell, np.linspace(90, 99, trials)[None, :, None]),
-            "bandpassed_vaf": (cell, np.linspace(80, 89, trials)[None, :, None]),
-            "seconds": (cell, np.ones((1, trials, 1))),
-            "failure": (cell, np.full((1, trials, 1), "")),
-            "truth": (("scenario", "quantity", "time"), truth[None, None]),
-        },
-        coords={
-            "scenario": ["cell"], "method_key": ["mine"], "quantity": ["stiffness"],
-            "unit": ("quantity", ["N m/rad"]),
-            "trial": np.arange(trials),
-            "time": time,
-            "profile": ("scenario", [profile]), "perturbation": ("scenario", ["prbs"]),
-            "duration_s": ("scenario", [150.0]), "snr_db": ("scenario", [10.0]),
-            "viscosity": ("scenario", ["constant"]), "system": ("scenario", ["joint"]),
-            "asked": (("scenario", "method_key"), [[True]]),
-        },
-    )  # fmt: skip
+def made_up(estimates, over_time=90.0, covered=1.0):
+    """Make results of one scenario and one method from arrays of shape (trial, time)."""
+    results = results_of([("square", "prbs", 150.0, 10.0)], ("sds",), len(estimates))
+    for name, values in (("estimate", estimates), ("covered", covered)):
+        results[name][0, :, 0, 0] = values
+    results.time_varying_vaf[0, :, 0] = over_time
+    return results
 
 
 def noisy(random, trials, spread=3.0, bias=2.0):
-    truth = tv.simulate.SquareWave()(np.arange(200) / 100)
-    return truth + bias + spread * random.normal(size=(trials, 200))
+    return SQUARE + bias + spread * random.normal(size=(trials, 200))
 
 
 @pytest.mark.slow
@@ -73,8 +44,7 @@ def test_summary_holds_every_metric(results):
     assert cell["failed"] == 0
     assert set(table.trials) == {3}
     sine = summarize(score(run(Study(**SMALL | {"stiffness": ["sine"]}), workers=1)))
-    assert not {"rise_time", "switch_dip"} & set(sine.metric)
-    assert "coverage" in set(sine.metric)
+    assert set(METRICS) - set(sine.metric) == {"mean", "rise_time", "switch_dip"}
 
 
 def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, random):
@@ -96,52 +66,39 @@ def test_replicates_of_equal_weights_are_the_metrics_themselves(monkeypatch, ran
 
 @pytest.mark.slow
 def test_standard_errors_are_the_spread_of_repeated_studies(random):
-    repeated = [
-        score(made_up(noisy(random, 40))).sel(scenario="cell", method_key="mine")
-        for _ in range(100)
-    ]
-    told = {
-        name: np.mean([float(one.standard_error.sel(metric=name)) for one in repeated])
-        for name in METRICS
-    }
-    for name in ("bias_error", "debiased_bias_error", "random_error", "total_error", "coverage"):
-        spread = np.std([float(one.value.sel(metric=name)) for one in repeated])
-        assert told[name] == pytest.approx(spread, rel=0.3), name
+    names = ["bias_error", "debiased_bias_error", "random_error", "total_error", "coverage"]
+    repeated = []
+    for _ in range(100):
+        estimates = noisy(random, 40)
+        scores = score(made_up(estimates, covered=np.abs(estimates - SQUARE) <= 5))
+        repeated.append(scores.sel(metric=names).squeeze())
+    told = np.mean([one.standard_error for one in repeated], axis=0)
+    np.testing.assert_allclose(told, np.std([one.value for one in repeated], axis=0), rtol=0.3)
 
 
 def test_replicates_of_the_debiased_bias_are_centred_on_it(random):
-    at = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="debiased_bias_error")
+    scores = score(made_up(noisy(random, 30, spread=10.0, bias=3.0)))
+    at, plain = (scores.sel(metric=name) for name in ("debiased_bias_error", "bias_error"))
     assert float(at.replicates.mean()) == pytest.approx(
         at.value.item(), abs=0.25 * at.standard_error.item() + 0.05
     )
-    plain = score(made_up(noisy(random, 30, spread=10.0, bias=3.0))).sel(metric="bias_error")
     assert float(plain.replicates.mean()) > plain.value.item() + 0.1
 
 
 def test_one_trial_has_no_spread_and_no_standard_error(random):
     scores = score(made_up(noisy(random, 1)))
     assert np.isnan(scores.standard_error).all()
-    assert np.isfinite(scores.value.sel(metric="bias_error")).all()
+    assert np.isfinite(scores.value.sel(metric=["bias_error"])).all()
     assert np.isnan(scores.value.sel(metric=["random_error", "debiased_bias_error"])).all()
 
 
 def test_draws_of_methods_are_paired_also_where_trials_failed(random):
-    results = made_up(noisy(random, 10))
-    both = xr.concat(
-        [results, results.assign_coords(method_key=["other"])], "method_key", data_vars="all"
-    )
-    both = both.assign(truth=results.truth)
-    failed = both.failure.values.astype(object)
-    failed[0, 2:, 1] = "x"
-    both["failure"] = (both.failure.dims, failed)
-    scores = score(both.transpose("scenario", "trial", "method_key", ...))
-    drawn = (
-        np.random.default_rng(0)
-        .multinomial(10, np.full(10, 0.1), size=scores.sizes["draw"])[:, :2]
-        .any(axis=1)
-    )
-    known = np.isfinite(scores.replicates.sel(method_key="other", metric="total_error").values[0])
-    np.testing.assert_array_equal(known, drawn)
+    results = results_of([("square", "prbs", 150.0, 10.0)], ("sds", "esm"), 10)
+    results["failure"][0, 2:, 1] = "x"
+    scores = score(results).sel(method_key="esm")
+    drawn = np.random.default_rng(0).multinomial(10, np.full(10, 0.1), size=scores.sizes["draw"])
+    known = np.isfinite(scores.replicates.sel(metric="total_error").values[0])
+    np.testing.assert_array_equal(known, drawn[:, :2].any(axis=1))
 
 
 def test_a_dip_at_the_switches_is_measured(random):
@@ -153,12 +110,10 @@ def test_a_dip_at_the_switches_is_measured(random):
 
 
 def test_spreads_where_the_joint_is_soft_and_stiff(random):
-    soft = tv.simulate.SquareWave()(np.arange(200) / 100) < 100
-    over_time = 90 + np.where(soft, 2.0, 1.0) * np.array([[-1.0], [1.0]])
+    over_time = 90 + np.where(SQUARE < 100, 2.0, 1.0) * np.array([[-1.0], [1.0]])
     values = score(made_up(noisy(random, 2), over_time)).value
-    assert values.sel(metric="time_varying_vaf_sd_soft").item() == 2
-    assert values.sel(metric="time_varying_vaf_sd_stiff").item() == 1
-    assert values.sel(metric="time_varying_vaf_sd").item() == 1.5
+    names = [f"time_varying_vaf_sd{ending}" for ending in ("_soft", "_stiff", "")]
+    assert values.sel(metric=names).values.ravel().tolist() == [2, 1, 1.5]
 
 
 def test_failed_trials_are_left_out_and_counted(random):
@@ -177,20 +132,26 @@ def test_failed_trials_are_left_out_and_counted(random):
 
 
 def test_coverage_counts_every_band_there_is(random):
+    def coverage_of(covered):
+        return score(made_up(noisy(random, 4), covered=covered)).sel(metric="coverage")
+
     covered = np.ones((4, 200))
     covered[1, :100] = np.nan
     covered[2, 100:150] = 0.0
-    scores = score(made_up(noisy(random, 4), covered=covered))
-    edges = np.where(np.isnan(covered), np.nan, covered - 1)
-    expected = tv.metrics.coverage(edges, edges, np.zeros(200))
-    assert expected == pytest.approx(100 * (1 - 50 / 700))
-    assert scores.value.sel(metric="coverage").item() == pytest.approx(expected)
+    assert coverage_of(covered).value.item() == pytest.approx(100 * (1 - 50 / 700))
     covered[1] = np.nan
-    scores = score(made_up(noisy(random, 4), covered=covered))
-    assert scores.value.sel(metric="coverage").item() == pytest.approx(100 * (1 - 50 / 600))
-    draws = scores.replicates.sel(metric="coverage").values.ravel()
+    at = coverage_of(covered)
+    assert at.value.item() == pytest.approx(100 * (1 - 50 / 600))
     # A draw of the trial without a band alone, one of 256, tells nothing.
-    assert np.isnan(draws).mean() == pytest.approx(1 / 256, abs=0.01)
-    covered[:] = np.nan
-    value = score(made_up(noisy(random, 4), covered=covered)).value
-    assert np.isnan(value.sel(metric="coverage"))
+    assert np.isnan(at.replicates).mean() == pytest.approx(1 / 256, abs=0.01)
+    assert np.isnan(coverage_of(np.full((4, 200), np.nan)).value).all()
+
+
+def test_a_truth_that_changes_from_trial_to_trial_is_scored_by_trial():
+    settings = {"system": "scheduled", "stiffness": "sine", "duration_s": 20, "trials": 3}
+    found = run(Study(**settings, perturbation="prbs", methods="birf"), workers=1)
+    truth = found.trial_truth.sel(quantity="stiffness").values[0]
+    assert np.ptp(truth, axis=0).max() > 0.1
+    off = found.estimate.sel(quantity="stiffness").values[0, :, 0] - truth
+    total = score(found).value.sel(metric="total_error").item()
+    assert total == pytest.approx(np.sqrt(np.mean(off**2)))

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
-from tests.study.conftest import TIMES
+from tests.study.conftest import same
 
 import tvsysid as tv
 from tvsysid.study import Study, read_results, run
@@ -19,6 +18,14 @@ def flipped(content, place):
     return bytes(changed)
 
 
+def counted(folder, **settings):
+    """Run a study, and return how many of its tasks were done at each moment, and the results."""
+    counts = []
+    study = Study(**SETTINGS | settings)
+    results = run(study, folder, workers=1, progress=lambda *each: counts.append(each))
+    return counts, results
+
+
 def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path):
     scores = {"estimate": np.arange(4.0), "failure": np.array(["", "too few", "", ""])}
     file = tmp_path / "task.npz"
@@ -29,8 +36,7 @@ def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path):
         found = read_scores(file)
         for name in scores if found.keys() == scores.keys() else ():
             assert found[name].tolist() == scores[name].tolist(), place
-    for length in range(len(content)):
-        file.write_bytes(content[:length])
+        file.write_bytes(content[:place])
         assert not read_scores(file)
     file.unlink()
     assert not read_scores(file)
@@ -38,51 +44,40 @@ def test_a_changed_byte_is_noticed_or_changes_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_missing_cut_and_damaged_files_are_made_again(tmp_path):
-    study = Study(**SETTINGS | {"trials": 4})
-    expected = run(study, tmp_path, workers=1)
+    _, expected = counted(tmp_path, trials=4)
     _, cut, damaged, missing = sorted((tmp_path / "tasks").iterdir())
     cut.write_bytes(cut.read_bytes()[:-100])
     damaged.write_bytes(flipped(damaged.read_bytes(), 5000))
     missing.unlink()
-    counts = []
-    results = run(study, tmp_path, workers=1, progress=lambda *each: counts.append(each))
+    counts, results = counted(tmp_path, trials=4)
     assert counts == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert len(list((tmp_path / "tasks").iterdir())) == 4
-    xr.testing.assert_identical(results.drop_vars(TIMES), expected.drop_vars(TIMES))
+    same(results, expected)
 
 
 @pytest.mark.slow
 def test_results_that_are_missing_or_damaged_are_refused_and_made_again(tmp_path):
-    study = Study(**SETTINGS)
     with pytest.raises(tv.InputError, match=r"results\.nc: there is no such file"):
         read_results(tmp_path)
-    run(study, tmp_path, workers=1)
+    counted(tmp_path)
     file = tmp_path / "results.nc"
     content = file.read_bytes()
     for fault in (content[:-9], b""):
         file.write_bytes(fault)
         with pytest.raises(tv.InputError, match=r"results\.nc: this file is damaged"):
             read_results(tmp_path)
-    run(study, tmp_path, workers=1)
-    assert read_results(tmp_path).sizes["trial"] == 2
+    _, results = counted(tmp_path)
+    same(read_results(tmp_path), results)
 
 
 @pytest.mark.slow
 def test_a_folder_can_hold_several_studies(tmp_path):
-    counts = []
-
-    def heard(done, total):
-        counts.append((done, total))
-
-    run(Study(**SETTINGS), tmp_path, workers=1)
-    more = run(Study(**SETTINGS | {"trials": 3}), tmp_path, workers=1, progress=heard)
+    counted(tmp_path)
+    counts, more = counted(tmp_path, trials=3)
     assert counts == [(2, 3), (3, 3)]
     assert more.sizes["trial"] == 3
-    counts.clear()
-    run(Study(**SETTINGS | {"methods": ["birf"]}), tmp_path, workers=1, progress=heard)
-    assert counts[0] == (0, 2)
-    counts.clear()
-    again = run(Study(**SETTINGS), tmp_path, workers=1, progress=heard)
+    assert counted(tmp_path, methods=["birf"])[0][0] == (0, 2)
+    counts, again = counted(tmp_path)
     assert counts == [(2, 2)]
     assert list(again.method_key.values) == ["sds"]
 
@@ -115,5 +110,4 @@ def test_all_that_scores_depend_on_is_in_the_name():
         {"system": "reflex"},
     ):
         assert not names & names_of(**change), change
-    one, other = (names_of(methods=Plain(size)) for size in (1, 2))
-    assert not one & other
+    assert not names_of(methods=Plain(1)) & names_of(methods=Plain(2))

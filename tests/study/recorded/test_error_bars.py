@@ -1,15 +1,17 @@
 """What bootstraps of one recording say of the random error, against many simulated recordings."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
 
-METHODS = {key: tv.methods.parse(key) for key in ("eirf", "sds", "birf", "esm", "kbr")}
 TRIALS, DRAWS, MANY, FEW = 50, 50, 75, 20
 
 
+@cache
 def simulated(seconds, seed):
     simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
         seconds, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=seed
@@ -17,30 +19,22 @@ def simulated(seconds, seed):
     return tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
 
 
-@pytest.fixture(scope="module")
-def recordings():
-    return [simulated(2.0 * MANY, 1000 + number) for number in range(TRIALS)]
-
-
-@pytest.fixture(scope="module")
-def long_recordings():
-    return [simulated(600.0, number) for number in range(2)]
+def spread_of(method, ensembles):
+    found = [method.identify(ensemble).stiffness for ensemble in ensembles]
+    return np.sqrt(np.var(found, axis=0, ddof=1).mean())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", METHODS)
-def test_bootstraps_of_a_recording_vary_as_recordings_do(key, recordings, long_recordings):
-    method, in_one_piece = METHODS[key], key == "kbr"
+@pytest.mark.parametrize("key", tv.methods.PAPER_METHODS)
+def test_bootstraps_of_a_recording_vary_as_recordings_do(key):
+    method, in_one_piece = tv.methods.parse(key), key == "kbr"
     size = FEW if in_one_piece else MANY
-    true = [method.identify(ensemble.select(np.arange(size))).stiffness for ensemble in recordings]
-    spread = np.sqrt(np.var(true, axis=0, ddof=1).mean())
+    recordings = (simulated(2.0 * MANY, 1000 + number) for number in range(TRIALS))
+    spread = spread_of(method, (each.select(np.arange(size)) for each in recordings))
     told = []
-    for ensemble in long_recordings:
-        count = len(ensemble)
-        weights = bootstrap_weights(count, size, DRAWS, 5, in_one_piece)
-        drawn = [
-            method.identify(ensemble.select(np.repeat(np.arange(count), each))).stiffness
-            for each in weights
-        ]
-        told.append(np.sqrt(np.var(drawn, axis=0, ddof=1).mean()))
+    for ensemble in (simulated(600.0, number) for number in range(2)):
+        every = np.arange(len(ensemble))
+        weights = bootstrap_weights(len(ensemble), size, DRAWS, 5, in_one_piece)
+        drawn = (ensemble.select(np.repeat(every, each)) for each in weights)
+        told.append(spread_of(method, drawn))
     assert np.mean(told) == pytest.approx(spread, rel=0.2)

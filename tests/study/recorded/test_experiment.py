@@ -15,48 +15,36 @@ READING = {"angle": "pos", "torque": "tq", "sampling_rate": 1000}
 
 def test_by_default_it_is_the_papers_on_six_virtual_participants():
     experiment = Experiment()
-    assert [item.label for item in experiment.recordings][:3] == ["P1-noise", "P1-prbs", "P2-noise"]
-    assert len(experiment.recordings) == 12
+    assert [item.label for item in experiment.recordings] == [
+        f"P{number}-{perturbation}" for number in range(1, 7) for perturbation in ("noise", "prbs")
+    ]
+    counts = {**dict.fromkeys(("eirf", "sds", "birf", "esm"), (75, 150)), "kbr": (20, 40)}
     assert [item.label for item in experiment.analyses] == [
-        *(
-            "eirf-75",
-            "eirf-150",
-            "sds-75",
-            "sds-150",
-            "birf-75",
-            "birf-150",
-            "esm-75",
-            "esm-150",
-            "kbr-20",
-            "kbr-40",
-        )
+        f"{name}-{count}" for name, pair in counts.items() for count in pair
     ]
     assert experiment.bootstraps == 100
     methods = experiment.named_methods
-    samples = {name: round(128 * methods[name].max_lag, 9) for name in ("eirf", "sds", "birf")}
-    assert samples == {"eirf": 15, "sds": 15, "birf": 15}
+    samples = [round(128 * methods[name].max_lag, 9) for name in ("eirf", "sds", "birf")]
+    assert samples == [15, 15, 15]
     assert (128 * methods["sds"].window, 128 * methods["esm"].window) == (12, 30)
     assert methods["kbr"] == KBR
 
 
-def test_files_take_the_place_of_virtual_participants(tmp_path):
-    experiment = Experiment(participants={"anna": {"walking": "anna*.mat"}}, reading=READING)
-    assert [item.label for item in experiment.recordings] == ["anna-walking"]
-    both = Experiment(
-        participants={"anna": {"noise": "anna*.mat"}},
-        reading=READING,
-        virtual=2,
-        perturbation="noise",
-    )
-    assert [item.label for item in both.recordings] == ["anna-noise", "P2-noise"]
+def test_files_take_the_place_of_virtual_participants_and_both_may_be_named():
+    files = {"participants": {"anna": {"walking": "a*.mat", "noise": "b.mat"}}, "reading": READING}
+    for settings, labels in (
+        ({}, ["anna-walking", "anna-noise"]),
+        ({"virtual": 2, "perturbation": "noise"}, ["anna-noise", "P2-noise"]),
+    ):
+        experiment = Experiment(**files, **settings)
+        assert [item.label for item in experiment.recordings] == labels
 
 
 def test_methods_are_texts_or_objects_with_as_many_realizations():
-    experiment = Experiment(
-        methods=["kbr", tv.BasisIRF(), "sds:window=0.1", "kbr:gamma=9"], realizations=[40]
-    )
+    texts = ["kbr", "sds:window=0.1", "kbr:gamma=9"]
+    experiment = Experiment(methods=[*texts, tv.BasisIRF()], realizations=[40])
     assert [item.label for item in experiment.analyses] == [
-        *("kbr-40", f"{tv.BasisIRF()!r}-40", "sds:window=0.1-40", "kbr:gamma=9-40")
+        f"{name}-40" for name in (*texts, repr(tv.BasisIRF()))
     ]
     assert experiment.named_methods["kbr"] == KBR
     assert experiment.named_methods["sds:window=0.1"].window == 0.1
@@ -68,24 +56,20 @@ def test_settings_that_are_told_make_the_same_experiment_again(tmp_path):
         virtual=3,
         preparation={"reference": None, "period": 1.5}, methods=["sds", "kbr"],
     )  # fmt: skip
-    again = Experiment(**json.loads(experiment.to_json()))
-    assert again.to_json() == experiment.to_json()
-    assert again.preparation["reference"] is None
-    assert again.analyses == experiment.analyses
-    assert again.recordings == experiment.recordings
+    assert Experiment(**json.loads(experiment.to_json())) == experiment
 
 
 def test_a_toml_file_says_the_same(tmp_path):
     (tmp_path / "study.toml").write_text(
-        "perturbation = 'noise'\nbootstraps = 7\nrealizations = [30]\nmethods = ['sds', "
-        "'sds:window=0.2']\n[participants.P1]\nnoise = "
-        "'P1/*.mat'\n[reading]\nangle = 'pos'\ntorque = 'tq'\nsampling_rate = 1000\ntorque_sign = "
-        "-1\n[preparation]\nreference = false\nends = 0\nperiod = 1.5\n"
+        "perturbation = 'noise'\nbootstraps = 7\nrealizations = [30]\nmethods = ['sds']\n"
+        "[participants.P1]\nnoise = 'P1/*.mat'\n[reading]\nangle = 'pos'\ntorque = 'tq'\n"
+        "sampling_rate = 1000\n[preparation]\nreference = false\nends = 0\nperiod = 1.5\n"
     )
-    experiment = Experiment.from_toml(tmp_path / "study.toml", bootstraps=9)
-    assert experiment.folder == str(tmp_path)
-    assert (experiment.bootstraps, experiment.preparation["reference"]) == (9, None)
-    assert [item.label for item in experiment.analyses] == ["sds-30", "sds:window=0.2-30"]
+    preparation = {"reference": None, "ends": 0, "period": 1.5}
+    assert Experiment.from_toml(tmp_path / "study.toml", bootstraps=9) == Experiment(
+        participants={"P1": {"noise": "P1/*.mat"}}, reading=READING, folder=tmp_path,
+        preparation=preparation, methods="sds", perturbation="noise", realizations=30, bootstraps=9,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -137,12 +121,9 @@ def test_what_is_wrong_is_told_by_key(settings, message):
 
 
 def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():
-    one, two = (
-        Experiment(methods="sds"),
-        Experiment(methods=["kbr", "birf"], virtual=[2], bootstraps=5),
-    )
-    recorded = next(item for item in one.recordings if item.label == "P2-noise")
-    assert one.seed_of(recorded, 75) == two.seed_of(two.recordings[0], 75)
+    one, two = Experiment(methods="sds"), Experiment(methods="kbr", virtual=2, bootstraps=5)
+    recorded = two.recordings[0]
+    assert one.seed_of(recorded, 75) == two.seed_of(recorded, 75)
     seeds = {one.seed_of(item, count) for item in one.recordings for count in (75, 150)}
     assert len(seeds) == 24
     assert one.seed_of(recorded, 75) != Experiment(seed=1).seed_of(recorded, 75)

@@ -1,4 +1,4 @@
-"""Running experiments: the same numbers whoever works, nothing lost, nothing done twice."""
+"""Running experiments: the draws, what fails, and what their metrics are."""
 
 from dataclasses import dataclass
 
@@ -9,55 +9,54 @@ from tests.study.recorded.conftest import READING, SHORT, SMALL, write_trials
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
-from tvsysid.study import Experiment, run, summarize
+from tvsysid.study import Experiment, run, stiffness_over_time, summarize
 from tvsysid.study.bootstraps import tasks_of
+
+
+def of_files(folder, **settings):
+    return Experiment(
+        participants={"P1": {"noise": "trial*.mat"}}, folder=folder, reading=READING,
+        preparation=SHORT, **settings,
+    )  # fmt: skip
+
+
+def of_noise(small, **settings):
+    """Run an experiment on the first of the small one's recordings."""
+    experiment = Experiment(**SMALL | {"perturbation": "noise"} | settings)
+    return run(experiment, prepared=small.prepared[:1], workers=1)
 
 
 def test_results_lie_over_recording_analysis_bootstrap_and_time(small):
     results = small.results
-    assert results.estimate.sel(quantity="stiffness").dims == (
-        "recording",
-        "analysis",
-        "bootstrap",
-        "time",
-    )
-    assert results.estimate.sel(quantity="stiffness").shape == (2, 6, 4, 256)
-    assert results.analysis.values.tolist() == [
-        "birf-10",
-        "birf-20",
-        "esm-10",
-        "esm-20",
-        "kbr-10",
-        "kbr-20",
-    ]
-    assert np.isfinite(results.estimate.sel(quantity="stiffness")).all()
+    stiffness = results.estimate.sel(quantity="stiffness")
+    assert stiffness.dims == ("recording", "analysis", "bootstrap", "time")
+    assert stiffness.shape == (2, 6, 4, 256)
+    keys = ("birf", "esm", "kbr")
+    assert results.analysis.values.tolist() == [f"{key}-{n}" for key in keys for n in (10, 20)]
+    assert np.isfinite(stiffness).all()
     assert (results.failure == "").all()
-    assert results.unit.values.tolist()[:3] == ["N m/rad", "N m s/rad", "kg m2"]
-    assert results.realizations.values.tolist() == [10, 20, 10, 20, 10, 20]
+    assert results.unit.values.tolist() == ["N m/rad", "N m s/rad", "kg m2"]
+    assert results.realizations.values.tolist() == [10, 20] * 3
 
 
-def test_a_draw_is_what_its_weights_say_and_all_methods_see_the_same(small):
-    experiment, item = small.experiment, small.prepared[1]
-    seed = experiment.seed_of(item.recorded, 20)
-    for place, method in (
-        (1, tv.BasisIRF(max_lag=15 / 128)),
-        (3, tv.EnsembleSpectral(window=30 / 128)),
-    ):
-        weights = bootstrap_weights(len(item.ensemble), 20, 4, seed)
-        drawn = item.ensemble.select(np.repeat(np.arange(len(item.ensemble)), weights[2]))
-        model = method.identify(drawn)
-        at = small.results.isel(recording=1, analysis=place, bootstrap=2)
-        np.testing.assert_allclose(
-            at.estimate.sel(quantity="stiffness"), model.stiffness, rtol=1e-9
-        )
-        torque, predicted = drawn.torque[:, drawn.core], model.predict(drawn)
-        assert float(at.vaf) == pytest.approx(tv.metrics.vaf(torque, predicted).mean())
-        assert float(at.bandpassed_vaf) == pytest.approx(
-            tv.metrics.bandpassed_vaf(torque, predicted, 128.0).mean()
-        )
-        np.testing.assert_allclose(
-            at.time_varying_vaf, tv.metrics.time_varying_vaf(torque, predicted)
-        )
+@pytest.mark.parametrize(
+    ("place", "method"),
+    [(1, tv.BasisIRF(max_lag=15 / 128)), (3, tv.EnsembleSpectral(window=30 / 128))],
+)
+def test_a_draw_is_what_its_weights_say_and_all_methods_see_the_same(small, place, method):
+    item = small.prepared[1]
+    count, seed = len(item.ensemble), small.experiment.seed_of(item.recorded, 20)
+    weights = bootstrap_weights(count, 20, 4, seed)
+    drawn = item.ensemble.select(np.repeat(np.arange(count), weights[2]))
+    model = method.identify(drawn)
+    at = small.results.isel(recording=1, analysis=place, bootstrap=2)
+    stiffness = at.estimate.sel(quantity="stiffness")
+    np.testing.assert_allclose(stiffness, model.stiffness, rtol=1e-9)
+    pair = drawn.torque[:, drawn.core], model.predict(drawn)
+    assert float(at.vaf) == pytest.approx(tv.metrics.vaf(*pair).mean())
+    bandpassed = tv.metrics.bandpassed_vaf(*pair, 128.0).mean()
+    assert float(at.bandpassed_vaf) == pytest.approx(bandpassed)
+    np.testing.assert_allclose(at.time_varying_vaf, tv.metrics.time_varying_vaf(*pair))
 
 
 @dataclass(frozen=True)
@@ -77,12 +76,8 @@ class Counting(tv.Method):
 def test_the_same_draw_is_identified_once(tmp_path):
     write_trials(tmp_path)
     log = tmp_path / "asked.txt"
-    experiment = Experiment(
-        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING,
-        preparation=SHORT,
-        methods=[Counting(str(log))], realizations=5, bootstraps=200,
-    )  # fmt: skip
-    results = run(experiment, workers=1)
+    settings = {"methods": [Counting(str(log))], "realizations": 5, "bootstraps": 200}
+    results = run(of_files(tmp_path, **settings), workers=1)
     # No more blocks than realizations to begin at.
     assert len(log.read_text()) <= int(results.survivors[0]) < 40
     assert np.isfinite(results.estimate.sel(quantity="stiffness")).all()
@@ -102,7 +97,6 @@ def test_the_data_and_the_draws_are_in_the_name_of_a_task(small):
         assert not usual & names(small.prepared, **change)
 
 
-@dataclass(frozen=True)
 class Sometimes(tv.Method):
     """Fails where the first realization drawn begins early in its trial."""
 
@@ -115,30 +109,23 @@ class Sometimes(tv.Method):
 
 
 @pytest.mark.slow
-def test_draws_that_fail_are_told_and_the_others_count(tmp_path, small):
-    experiment = Experiment(
-        **SMALL | {"methods": [Sometimes(), "birf"], "bootstraps": 30, "perturbation": "noise"}
-    )
-    results = run(experiment, prepared=small.prepared[:1], workers=1)
-    failed = np.isnan(results.vaf.sel(analysis="Sometimes()-10").values[0])
+def test_draws_that_fail_are_told_and_the_others_count(small):
+    results = of_noise(small, methods=[Sometimes(), "birf"], bootstraps=30)
+    at = results.sel(analysis="Sometimes-10", recording="P1-noise")
+    failed = np.isnan(at.vaf.values)
     assert 0 < failed.sum() < 30
-    texts = results.failure.sel(analysis="Sometimes()-10").values[0]
-    np.testing.assert_array_equal(texts != "", failed)
-    assert texts[failed][0].startswith("RuntimeError: too early")
+    np.testing.assert_array_equal(at.failure != "", failed)
+    assert at.failure.values[failed][0].startswith("RuntimeError: too early")
     table = summarize(results).set_index(["method", "realizations", "metric"]).value
-    assert table["Sometimes()", 10, "failed"] == failed.sum()
-    assert np.isfinite(table["Sometimes()", 10, "vaf"])
+    assert table["Sometimes", 10, "failed"] == failed.sum()
+    assert np.isfinite(table["Sometimes", 10, "vaf"])
     assert table["birf", 10, "failed"] == 0
 
 
 def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
     write_trials(tmp_path)
-    experiment = Experiment(
-        participants={"P1": {"noise": "trial*.mat"}}, folder=tmp_path, reading=READING,
-        preparation=SHORT,
-        methods=["kbr", "birf"], realizations=50, bootstraps=2,
-    )  # fmt: skip
-    results = run(experiment, workers=1)
+    settings = {"methods": ["kbr", "birf"], "realizations": 50, "bootstraps": 2}
+    results = run(of_files(tmp_path, **settings), workers=1)
     failures = results.failure.values[0, 0]
     assert all("a block of 50 realizations cannot be drawn from" in text for text in failures)
     assert "50 realizations are drawn from 33: they vary less" in str(results.remarks.values[0])
@@ -146,9 +133,60 @@ def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
 
 
 def test_doubts_of_every_draw_are_kept(small):
-    experiment = Experiment(
-        **SMALL | {"methods": "eirf", "perturbation": "noise", "realizations": 20}
-    )
-    results = run(experiment, prepared=small.prepared[:1], workers=1)
+    results = of_noise(small, methods="eirf", realizations=20)
     for text in results.warnings.values[0, 0]:
         assert text.count("20 realizations are fewer than the 31 lags") == 1
+
+
+class Sloped(tv.Method):
+    quantities = {"emg_slope": "N m/V", "ratio": ""}  # noqa: RUF012
+
+    def fit(self, ensemble):
+        estimates = dict(tv.ShortDataSegments().fit(ensemble).estimates)
+        for value, (name, unit) in enumerate(self.quantities.items()):
+            estimates[name] = tv.Estimate(np.full(ensemble.samples, value), unit)
+        return tv.Model.of(ensemble, estimates=estimates)
+
+
+def test_a_quantity_of_one_s_own_is_summarized_with_its_unit(small):
+    results = of_noise(small, methods=[Sloped()], bootstraps=2)
+    assert str(results.unit.sel(quantity="emg_slope").values) == "N m/V"
+    table = summarize(results).set_index(["realizations", "metric"]).loc[20]
+    assert tuple(table.loc["emg_slope mean", ["value", "unit"]]) == (0, "N·m/V")
+    assert tuple(table.loc["ratio mean", ["value", "unit"]]) == (1, "")
+
+
+def test_every_metric_is_as_defined(small):
+    results = small.results
+    labels = ["participant", "perturbation", "method", "realizations"]
+    table = summarize(results).set_index(labels).loc["P1", "prbs", "esm", 20]
+    table = table.set_index("metric").value
+    at = results.sel(recording="P1-prbs", analysis="esm-20")
+    estimate, truth = (at[name].sel(quantity="stiffness") for name in ("estimate", "truth"))
+    expected = {
+        "mean_stiffness": estimate.mean(),
+        "random_error": np.sqrt(estimate.var("bootstrap", ddof=1).mean()),
+        "vaf": at.vaf.mean(),
+        "bandpassed_vaf": at.bandpassed_vaf.mean(),
+        "lowest_time_varying_vaf": at.time_varying_vaf.mean("bootstrap").min(),
+        "bias_error": tv.metrics.bias_error(estimate.values, truth.values),
+        "mean_bias": (estimate.mean("bootstrap") - truth).mean(),
+    }
+    for name, value in expected.items():
+        assert table[name] == pytest.approx(float(value)), name
+    people = results.assign(truth=results.truth * np.nan)
+    assert not {"bias_error", "mean_bias"} & set(summarize(people).metric)
+
+
+def test_stiffness_over_time_has_mean_and_spread(small):
+    table = stiffness_over_time(small.results)
+    assert list(table.columns) == [
+        *("participant", "perturbation", "method", "realizations", "time_s"),
+        *("stiffness", "standard_deviation", "time_varying_vaf"),
+    ]
+    assert len(table) == 2 * 6 * 256
+    rows = table.set_index(["perturbation", "method", "realizations"]).loc["noise", "birf", 10]
+    at = small.results.sel(recording="P1-noise", analysis="birf-10", quantity="stiffness").estimate
+    np.testing.assert_allclose(rows.stiffness, at.mean("bootstrap"))
+    np.testing.assert_allclose(rows.standard_deviation, at.std("bootstrap", ddof=1))
+    np.testing.assert_allclose(rows.time_s, small.results.time)

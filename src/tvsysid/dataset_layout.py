@@ -23,7 +23,6 @@ UNITS = {
     "frequency_response": "N m/rad",
     **dict.fromkeys(("coherence", "rank"), "1"),
     **dict.fromkeys(("time", "lag", "reflex_lag"), "s"),
-    **dict.fromkeys(("velocity", "nonlinearity"), "rad/s"),
     "frequency": "Hz",
 }
 """Units of the quantities that the package estimates or simulates."""

@@ -10,7 +10,7 @@ from tvsysid.methods.cascade import alternating
 from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, evaluate
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import at_least, one_of, optional, positive, text
+from tvsysid.validators import one_of, optional, positive, text
 
 
 @attrs.frozen
@@ -41,10 +41,6 @@ class BasisCascade(alternating.AlternatingCascade):
         ``"none"``.
     emg
         Channel, rectified, that drives the reflex instead of the velocity.
-    slow_order
-        Order of the polynomial in each realization that takes slow voluntary torque out, in turn
-        with the pathways; the authors have 3 with the velocity and 6 with EMG. None takes out
-        nothing. It takes some of the reflex, too; less with ``prior="none"``.
 
     Notes
     -----
@@ -52,17 +48,8 @@ class BasisCascade(alternating.AlternatingCascade):
     area under the reflex's response at a time, in N·m·s/rad (with EMG, torque by the unit of EMG).
     It belongs to the time of the torque, which follows the stretch by the mean lag of the muscle.
 
-    Slow torque is not part of the prediction. With it, the fit explains ``vaf_with_slow`` per cent
-    in the diagnostics. The table shows the total error of stiffness in N·m/rad and, behind it, the
-    mean error of the gain in N·m·s/rad. It is from three simulated records of 150 s at 10 dB, whose
-    stiffness (100 N·m/rad) and gain (8) follow sines; the drift has twice the torque's RMS.
-
-    ============  ===========  ============================  ===========
-    Drift         No order     Order 3 (``prior="none"``)    Order 6
-    ============  ===========  ============================  ===========
-    With          30, -4.2     6.0, -1.5 (4.3, -0.5)         10, -3.3
-    Without       1.9, -0.2    4.6, -1.1 (3.6, -0.3)         8.6, -2.7
-    ============  ===========  ============================  ===========
+    The authors also take slow voluntary torque out, by polynomials of time in each realization.
+    ``cascade`` does without them.
 
     With the velocity, the papers identify a muscle of second order whose coefficients change, by
     refined instrumental variables. Here the reflex has a free response, as theirs with EMG. In
@@ -84,7 +71,6 @@ class BasisCascade(alternating.AlternatingCascade):
     basis: Basis = attrs.field(factory=CubicBSplines, validator=A_BASIS)
     prior: birf.Prior = attrs.field(default="ridge", validator=one_of(birf.Prior))
     emg: str | None = attrs.field(default=None, validator=optional(text))
-    slow_order: int | None = attrs.field(default=None, validator=optional(at_least(0)))
 
     key = "bpc"
     title = "Basis parallel cascade"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import attrs
 import numpy as np
 
@@ -15,8 +13,6 @@ from tvsysid.numerics.moments import sliding_sum
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import not_negative, positive
-
-ENOUGH = 500  # realizations that the literature asks for, at the least
 
 
 @attrs.frozen
@@ -84,12 +80,3 @@ class EnsembleCascade(alternating.AlternatingCascade):
         count, *sums = (sliding_sum(each, half, half) for each in (count, *moments))
         phi, cross, power = (np.swapaxes(each.T / count, 0, -1) for each in sums)
         return truncated(phi, cross, power, count * len(drive)).weights
-
-    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
-        samples = 2 * base.whole_samples(self.window / 2, ensemble) + 1
-        if samples * len(ensemble) < ENOUGH:
-            yield (
-                f"a window holds {samples * len(ensemble)} samples of all realizations, where the "
-                f"literature asks for {ENOUGH} to 800 to know a reflex: the random error is large; "
-                "record more, lengthen window, or use bpc or cascade"
-            )

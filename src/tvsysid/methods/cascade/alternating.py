@@ -22,7 +22,6 @@ from tvsysid.methods.cascade.pathways import (
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.bands import mean_known
-from tvsysid.numerics.bases import ChebyshevPolynomials, evaluate
 from tvsysid.numerics.hammerstein import Turn, alternate, lagged_moments, parallel_cascade
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_moments
 from tvsysid.signals import Array, Ensemble
@@ -38,15 +37,13 @@ class AlternatingCascade(Method):
 
     A subclass names the method that identifies the intrinsic pathway, and identifies the response
     of the reflex, which begins where the lags of the intrinsic response end, or at 0 with EMG.
-    Turns end when the explained torque hardly grows. With a ``slow_order``, a polynomial of time
-    is fitted to the residual torque of each realization, and subtracted in the next turn.
-    Realizations whose past is not recorded are left out.
+    Turns end when the explained torque hardly grows. Realizations whose past is not recorded are
+    left out.
     """
 
     max_lag: float
     memory: float
     emg: str | None = None
-    slow_order: int | None = None
 
     quantities = ("reflex_gain",)
     pathway_names = PATHWAYS
@@ -89,29 +86,21 @@ class AlternatingCascade(Method):
         past = past_of(ensemble, drive, before)[:, : before - first + ensemble.samples]
         known = ~np.isnan(past).any(axis=1)
         past, part = past[known], _with_context(ensemble.select(known), lags)
-        torque, slow_order = part.torque[:, part.core], self.slow_order
-        polynomials = ChebyshevPolynomials(1 if slow_order is None else slow_order + 1)
-        functions = np.linalg.qr(evaluate(polynomials, ensemble.samples))[0]
+        torque = part.torque[:, part.core]
 
         def step(turn: Turn) -> Turn:
-            weights, _, (_, slow) = turn
             left = part.torque.copy()
-            left[:, part.core] -= convolve_lags(past, weights) + slow
+            left[:, part.core] -= convolve_lags(past, turn.second)
             intrinsic = self._intrinsic(ensemble).fit(attrs.evolve(part, torque=left))
             beyond = torque - intrinsic.predict(part)
-            weights = self._response(past, beyond - slow, ensemble)
+            weights = self._response(past, beyond, ensemble)
             rest = beyond - convolve_lags(past, weights)
-            if slow_order is not None:
-                slow = rest @ functions @ functions.T
-            explained = 1 - float(np.sum((rest - slow) ** 2) / np.sum(torque**2))
-            return Turn(weights, explained, (intrinsic, slow))
+            return Turn(weights, 1 - float(np.sum(rest**2) / np.sum(torque**2)), intrinsic)
 
         none = np.zeros((ensemble.samples, before - first + 1))
-        begun = Turn(none, details=(None, np.zeros_like(torque)))
-        best = alternate(step, begun, MAX_TURNS, MIN_GAIN)
-        intrinsic = attrs.evolve(best.details[0], method=repr(self))
-        details = {} if slow_order is None else {"vaf_with_slow": 100 * best.explained}
-        return two_pathways(ensemble, intrinsic, drive, best.second, first, details)
+        best = alternate(step, Turn(none), MAX_TURNS, MIN_GAIN)
+        intrinsic = attrs.evolve(best.details, method=repr(self))
+        return two_pathways(ensemble, intrinsic, drive, best.second, first, {})
 
 
 def two_pathways(

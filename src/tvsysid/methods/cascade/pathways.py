@@ -20,7 +20,6 @@ from tvsysid.signals import Array, Ensemble
 
 DIRECTIONS = (1, -1)  # of stretch
 PATHWAYS = ("intrinsic", "reflex")
-CURVE_POINTS = 101  # velocities at which the curve of a polynomial is given
 
 
 @attrs.frozen
@@ -37,12 +36,6 @@ class Stretch:
         """See :func:`tvsysid.numerics.stretch.stretch`."""
         return stretch(*velocity_of(ensemble), self.threshold, self.direction)
 
-    def curve(self) -> tuple[Array, Array]:
-        """Return velocities in rad/s and the drive at each; it is linear between and beyond."""
-        corner = np.array([-1.0, self.threshold, self.threshold + 1.0])
-        order = slice(None, None, self.direction)
-        return self.direction * corner[order], np.array([0.0, 0.0, self.direction])[order]
-
 
 @attrs.frozen
 class Measured:
@@ -54,9 +47,6 @@ class Measured:
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the signal of the channel, unchanged."""
         return ensemble.signal(self.name)
-
-    def curve(self) -> None:
-        """Return None: the drive is no function of the velocity."""
 
 
 @attrs.frozen
@@ -75,17 +65,8 @@ class VelocityPolynomial:
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the polynomial at the recorded rate, decimated as the torque was."""
         velocity, ratio = velocity_of(ensemble)
-        return keep_every(self.value(velocity), ratio)
-
-    def value(self, velocity: Array) -> Array:
-        """Return the polynomial at a velocity in rad/s, of any shape."""
         terms = _terms(velocity, self.limits, len(self.coefficients))
-        return np.asarray(terms @ np.array(self.coefficients))
-
-    def curve(self) -> tuple[Array, Array]:
-        """Return velocities in rad/s within the limits, and the polynomial at each."""
-        velocity = np.linspace(*self.limits, CURVE_POINTS)
-        return velocity, self.value(velocity)
+        return keep_every(terms @ np.array(self.coefficients), ratio)
 
 
 # A drive returns the signal (realization, context + time + context) that drives a reflex.
@@ -201,10 +182,6 @@ class TwoPathwayModel(ImpulseResponseModel):
         variables, coordinates = super()._identified()
         variables["reflex_response"] = (("time", "reflex_lag"), self.reflex_response)
         coordinates = {**coordinates, "reflex_lag": (("reflex_lag",), self.reflex_lags)}
-        if curve := self.drive.curve():
-            coordinates["velocity"], variables["nonlinearity"] = (
-                (("velocity",), values) for values in curve
-            )
         return variables, coordinates
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -31,7 +30,6 @@ MIN_SAMPLES = 20  # of a realization at which all lags must be known
 SLOW_TERMS = 4  # powers of time that are left out where they are most of the torque
 POSITIVE, NEGATIVE, LINEAR = range(3)  # late regressors: a usual muscle's response to a velocity
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
-_TESTED: WeakKeyDictionary[Ensemble, ReflexTest] = WeakKeyDictionary()
 
 
 class ReflexTest(NamedTuple):
@@ -142,8 +140,7 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     coefficients cost, and has half the power. Where a cubic polynomial of time is most of the
     torque, as of slow voluntary torque, it is left out of each realization.
 
-    The velocity is rectified at the rate at which the angle was recorded. The result is kept:
-    several methods and checks ask.
+    The velocity is rectified at the rate at which the angle was recorded.
 
     Raises
     ------
@@ -154,12 +151,7 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     ----------
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
-    if ensemble not in _TESTED:
-        _TESTED[ensemble] = _test(_regression(ensemble))
-    return _TESTED[ensemble]
-
-
-def _test(regression: _Regression) -> ReflexTest:
+    regression = _regression(ensemble)
     models = (), (LINEAR,), (POSITIVE, NEGATIVE), (POSITIVE,), (NEGATIVE,)
     none, linear, both, *directed = (regression.predicted(late) for late in models)
     positive, negative = (np.log(regression.errors(each)) for each in directed)

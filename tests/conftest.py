@@ -100,14 +100,10 @@ def ensemble_of_fixture():
 
 @pytest.fixture(autouse=True)
 def _signals():
-    """The command line handles signals, here in the tests' own process."""
-    kept = {
-        number: signal.getsignal(number)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    }
+    """The command line handles SIGTERM, here in the tests' own process."""
+    kept = signal.getsignal(signal.SIGTERM)
     yield
-    for number, handler in kept.items():
-        signal.signal(number, handler)
+    signal.signal(signal.SIGTERM, kept)
 
 
 @pytest.fixture(scope="session")
@@ -135,16 +131,7 @@ def fork_workers():
 
 
 @pytest.fixture
-def quick_workers(monkeypatch, forking):
-    """Start workers of this process at once, where the start of an interpreter is not tested."""
-    contexts = {"fork": multiprocessing.get_context("fork")} if sys.platform == "linux" else {}
-    monkeypatch.setattr(
-        multiprocessing, "get_context", lambda method=None: contexts.get(method, forking)
-    )
-
-
-@pytest.fixture
-def tvsysid(monkeypatch, capsys, tmp_path, quick_workers):
+def tvsysid(monkeypatch, capsys, tmp_path):
     """Run the command line in this process, in a folder of its own.
 
     Takes words, or all of them in one text. Returns exit code, output and errors.

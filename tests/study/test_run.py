@@ -51,7 +51,6 @@ def test_a_trial_is_what_its_parts_give(results):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_workers")
 def test_the_number_of_workers_changes_no_number(results):
     same(run(Study(**SMALL), workers=2), results)
 
@@ -75,7 +74,6 @@ def test_threads_keep_each_trial_s_doubts():
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_workers")
 def test_a_worker_that_dies_and_a_method_that_cannot_be_pickled_are_reported():
     unsendable = Mine()
     object.__setattr__(unsendable, "fault", threading.Lock())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,11 +32,12 @@ def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: 
     from tvsysid.study import run
 
     inputs["workers"] = workers.workers
-    if workers.scheduler is not None:
-        client = _dask_client(workers.scheduler)
-        inputs["executor"] = client.get_executor(pure=False)
-        inputs["workers"] = workers.workers or sum(client.nthreads().values())
-    with shown_progress("running") as advance:
+    with ExitStack() as stack:
+        if workers.scheduler is not None:
+            client = stack.enter_context(_dask_client(workers.scheduler))
+            inputs["executor"] = client.get_executor(pure=False)
+            inputs["workers"] = workers.workers or sum(client.nthreads().values())
+        advance = stack.enter_context(shown_progress("running"))
         return run(study, out, progress=advance, **inputs)
 
 

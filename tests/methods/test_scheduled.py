@@ -136,20 +136,21 @@ def test_units_and_zero_of_the_variable_and_of_the_angle_do_not_matter(noisy, fo
     )
 
 
-def record_of(ensemble):
-    """The record that was cut into one realization."""
-    return tv.Recording(
-        ensemble.angle[0],
-        ensemble.torque[0],
+@pytest.fixture(scope="module")
+def cut(noisy):
+    """The record as realizations that follow each other."""
+    record = tv.Recording(
+        noisy.angle[0],
+        noisy.torque[0],
         100.0,
-        channels={"scheduling": ensemble.channels["scheduling"][0]},
-        recorded_angle=ensemble.recorded_angle[0],
+        channels={"scheduling": noisy.channels["scheduling"][0]},
+        recorded_angle=noisy.recorded_angle[0],
     )
+    return tv.preprocess.segment(record, 2.0, 0.5)
 
 
-def test_realizations_that_follow_each_other_are_one_record(noisy):
+def test_realizations_that_follow_each_other_are_one_record(noisy, cut):
     method = tv.ScheduledIRF(order=2, reflex_order=2)
-    cut = tv.preprocess.segment(record_of(noisy), 2.0, 0.5)
     model = method.identify(cut)
     own, same = (each.at(GRID)["stiffness"] for each in (method.identify(noisy), model))
     assert (np.abs(same.values - own.values) < 0.5 * own.standard_error.values).all()
@@ -159,8 +160,7 @@ def test_realizations_that_follow_each_other_are_one_record(noisy):
     assert np.isfinite(predicted[1:]).all()
 
 
-def test_a_mean_over_realizations_that_is_subtracted_takes_noise_away(noisy, found):
-    cut = tv.preprocess.segment(record_of(noisy), 2.0, 0.5)
+def test_a_mean_over_realizations_that_is_subtracted_takes_noise_away(cut, found):
     model = tv.ScheduledIRF().identify(tv.preprocess.subtract_mean(cut))
     own, same = (each.at(GRID)["stiffness"] for each in (found, model))
     assert (np.abs(same.values - own.values) < 2 * own.standard_error.values).all()
@@ -219,12 +219,9 @@ def test_what_does_not_apply_is_skipped_with_the_reason(noisy):
     assert tv.ScheduledIRF().skip(still) == (
         "scheduling is 0.3 at all times; a joint can only follow what changes"
     )
-    short = tv.Ensemble(
-        noisy.angle[:, :120],
-        noisy.torque[:, :120],
-        100.0,
-        channels={"scheduling": noisy.channels["scheduling"][:, :120]},
-    )
+    signals = noisy.angle, noisy.torque, noisy.channels["scheduling"]
+    angle, torque, variable = (each[:, :120] for each in signals)
+    short = tv.Ensemble(angle, torque, 100.0, channels={"scheduling": variable})
     with pytest.raises(tv.InputError, match="too few for 57 coefficients"):
         tv.ScheduledIRF(memory=0.4, order=2, reflex_order=2).identify(short)
 

@@ -1,6 +1,5 @@
 """Structural decomposition by subspaces: simulated joints, real ones, and the authors' own code."""
 
-import attrs
 import numpy as np
 import pytest
 from numpy.polynomial.chebyshev import chebval
@@ -86,17 +85,6 @@ def test_without_a_reflex_none_is_found():
     model = tv.SubspaceCascade().identify(constant(gain=0.0))
     assert model.stiffness[0] == pytest.approx(100, abs=2)
     assert abs(model.estimates["reflex_gain"].values[0]) < 0.3
-
-
-@pytest.mark.slow
-def test_segments_that_do_not_follow_each_other_are_pooled():
-    ensemble = constant()
-    apart = attrs.evolve(ensemble, onsets=None, trials=None)
-    together, pooled = (tv.SubspaceCascade().identify(each) for each in (ensemble, apart))
-    assert len(apart.runs) == len(apart)
-    assert pooled.stiffness[0] == pytest.approx(together.stiffness[0], abs=1)
-    error = [each.estimates["stiffness"].standard_error.values[0] for each in (together, pooled)]
-    assert 0.9 * error[0] < error[1] < 1.3 * error[0]
 
 
 @pytest.mark.parametrize(

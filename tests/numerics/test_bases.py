@@ -43,12 +43,3 @@ def test_periodic_functions_join(basis):
 def test_orthonormal_bases_are(basis):
     values = basis(np.arange(1024) / 1024)
     np.testing.assert_allclose(values.T @ values / 1024, np.eye(values.shape[1]), atol=1e-12)
-
-
-def test_haar_wavelets_hold_a_step():
-    time = np.arange(200) / 200
-    step = np.where((time >= 0.25) & (time < 0.75), 150.0, 50.0)
-    values = bases.HaarWavelets(4)(time)
-    np.testing.assert_allclose(
-        values @ np.linalg.lstsq(values, step, rcond=None)[0], step, atol=1e-10
-    )

@@ -90,10 +90,10 @@ class Regression(NamedTuple):
         return RIDGE * float(self.known.sum())
 
     def solve(self, moments: Array, kept: NDArray[np.int64]) -> Array:
-        """Return least-squares coefficients of the values (column,), 0 of those not kept."""
-        gram = moments[np.ix_(kept, kept)] + self.ridge * np.eye(len(kept))
-        coefficients = np.zeros(len(self.scale))
-        coefficients[kept] = np.linalg.solve(gram, moments[kept, -1])
+        """Return least-squares coefficients of the values (…, column), 0 of those not kept."""
+        gram = moments[..., kept[:, None], kept] + self.ridge * np.eye(len(kept))
+        coefficients = np.zeros((*moments.shape[:-2], len(self.scale)))
+        coefficients[..., kept] = np.linalg.solve(gram, moments[..., kept, -1:])[..., 0]
         return coefficients
 
     @property
@@ -110,12 +110,10 @@ class Regression(NamedTuple):
 
     def held_out(self, orders: Sequence[Orders]) -> Array:
         """Return the VAF (orders, fold) of each fold by fits to the others, in per cent."""
-        kept, found = [self.kept(each) for each in orders], []
-        for fold, own in zip(self.folds, self.moments, strict=True):
-            others = self.moments.sum(axis=0) - own
-            fits = np.array([self.solve(others, each) for each in kept])
-            found.append(self.vaf(fits, fold))
-        return np.stack(found, axis=1)
+        others = self.moments.sum(axis=0) - self.moments
+        fits = np.stack([self.solve(others, self.kept(each)) for each in orders], axis=1)
+        vaf = [self.vaf(*each) for each in zip(fits, self.folds, strict=True)]
+        return np.stack(vaf, axis=1)
 
     def best_orders(self, orders: Sequence[Orders]) -> tuple[Orders, float]:
         """Return the lowest orders that predict folds as well as the best do, and their VAF."""

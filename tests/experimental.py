@@ -105,7 +105,6 @@ def results_of(
             "excluded_alignment": ("recording", counts[0] + late),
             "excluded_task": ("recording", np.full(sizes[0], counts[1])),
             "excluded_residual": ("recording", np.full(sizes[0], counts[2])),
-            "trials": ("recording", np.full(sizes[0], 10)),
             "remarks": ("recording", np.full(sizes[0], "", dtype=object)),
         },
         coords={
@@ -159,7 +158,6 @@ def fail(results, reason, recording=None, analysis=None):
             "excluded_alignment",
             "excluded_task",
             "excluded_residual",
-            "trials",
         ):
             results[name].loc[at] = 0
     return results

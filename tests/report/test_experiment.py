@@ -92,12 +92,12 @@ def test_each_participant_by_itself(experiment, elements):
 
 def test_exclusions_by_step_beside_the_papers(elements):
     text = table(elements, "What became of the realizations")
-    assert "P1-noise 10 300 2 7 31 260 50 ± 0" in text
-    assert "P1-prbs 10 300 22 7 31 240 50 ± 0" in text
-    assert "P3-prbs 0 0 0 0 0 0 –none" in text
+    assert "P1-noise 300 2 7 31 260 50 ± 0" in text
+    assert "P1-prbs 300 22 7 31 240 50 ± 0" in text
+    assert "P3-prbs 0 0 0 0 0 –none" in text
     assert "mean ± SD, PRBS 300 ± 0 22 ± 0 7 ± 0 31 ± 0 240 ± 0" in text
-    assert "the paper’s, filtered noise 10 300 0 to 3 4 to 12 17 to 29 260 ± 12" in text
-    assert "the paper’s, PRBS 10 300 5 to 40 3 to 10 15 to 20 255 ± 14" in text
+    assert "the paper’s, filtered noise 300 0 to 3 4 to 12 17 to 29 260 ± 12" in text
+    assert "the paper’s, PRBS 300 5 to 40 3 to 10 15 to 20 255 ± 14" in text
 
 
 def test_the_papers_counts_stand_beside_the_papers_numbers_only():

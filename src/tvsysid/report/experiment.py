@@ -24,7 +24,6 @@ Reported = Mapping[str, Sequence[str]]
 # Figures shown in the section about the recordings
 DETAILS = ("recorded-signals", "preparation")
 COUNTS = {
-    "trials": "trials",
     "recorded": "recorded",
     "excluded_alignment": "excluded: shift",
     "excluded_task": "excluded: task component",
@@ -145,12 +144,12 @@ def recordings(
     rows = [[*row, late.get(row[0], "–")] for row in table.itertuples(index=False)]
     totals = []
     for perturbation, mine in counts_of(results).groupby("perturbation", sort=False):
-        name, (_, *numbers) = perturbation_name(perturbation), (mine[each] for each in COUNTS)
+        name, numbers = perturbation_name(perturbation), [mine[each] for each in COUNTS]
         if len(mine) > 1:
             cells = [in_text(each.mean(), each.std(), int(each.nunique() > 1)) for each in numbers]
-            totals.append([f"mean ± SD, {name}", "", *cells, ""])
+            totals.append([f"mean ± SD, {name}", *cells, ""])
         if theirs := of_paper(mine, reported.get(str(perturbation))):
-            totals.append([f"the paper’s, {name}", "10", *theirs, ""])
+            totals.append([f"the paper’s, {name}", *theirs, ""])
     index = ["recording"] * len(rows) + ["total"] * len(totals)
     columns = ["recording", *COUNTS.values(), "shift (ms)"]
     return pd.DataFrame([*rows, *totals], index, columns, dtype=object)

@@ -97,7 +97,6 @@ def _preparation_of(prepared: Prepared) -> Scores:
         "recorded": len(excluded_by),
         "survivors": 0 if ensemble is None else len(ensemble),
         **{f"excluded_{name}": excluded_by.count(step) for name, step in STEPS.items()},
-        "trials": 0 if preparation is None else len(np.unique(preparation.recorded.trials)),
         "remarks": "\n".join(prepared.remarks),
         "digest": prepared.digest,
         "target_torque": prepared.target_torque,

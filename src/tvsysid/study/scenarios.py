@@ -155,9 +155,7 @@ class Study(Settings):
     seed: int = attrs.field(default=0, validator=at_least(0))
 
     def __attrs_post_init__(self) -> None:
-        if not self.scenarios or not self.methods:
-            raise InputError(f"{', '.join(Scenario._fields)}, methods: give at least 1 of each")
-        _ = self.named_methods  # raises for an unknown one
+        _ = self.scenarios, self.named_methods  # raises for an unknown name
 
     def replaced(self, **settings: Any) -> Self:
         """Return the study with other values of some settings, in its further scenarios too."""

@@ -13,7 +13,6 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 from zipfile import BadZipFile
 
@@ -22,7 +21,7 @@ import cloudpickle
 import numpy as np
 
 from tvsysid import __version__
-from tvsysid.errors import InputError, describe_error, library_folders, one_line
+from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods import Method, label_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.recordings import whole_file
@@ -100,26 +99,8 @@ def run_task(task: Task) -> Scores:
 
 
 def run_pickled(task: bytes) -> Scores:
-    """Return the scores of a pickled task."""
+    """Return the scores of a task that ``cloudpickle`` has pickled, with code of a notebook."""
     return run_task(cloudpickle.loads(task))
-
-
-def pickled(task: Task) -> bytes:
-    """Pickle a task for a worker. Code of scripts, notebooks and loose files is sent along."""
-    loose = [module for module in list(sys.modules.values()) if _is_loose(module)]
-    for module in loose:
-        cloudpickle.register_pickle_by_value(module)
-    try:
-        return bytes(cloudpickle.dumps(task))
-    finally:
-        for module in loose:
-            cloudpickle.unregister_pickle_by_value(module)
-
-
-def _is_loose(module: ModuleType) -> bool:
-    """Whether a module is a file that belongs neither to the package nor to a library."""
-    file = getattr(module, "__file__", None) or library_folders()[0]
-    return module.__name__ != "__main__" and not file.startswith(library_folders())
 
 
 def identity_of(item: object) -> str:

@@ -12,9 +12,11 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
+import cloudpickle
+
 from tvsysid.errors import InputError, one_line
 from tvsysid.study.measure import Scores
-from tvsysid.study.tasks import Task, pickled, run_pickled, run_task
+from tvsysid.study.tasks import Task, run_pickled, run_task
 
 UNKNOWN_WORKERS = 32  # assumed of an executor
 
@@ -62,7 +64,7 @@ def _by_executor(
     try:
         while True:
             for file, task in islice(waiting, 2 * workers - len(running)):
-                running[executor.submit(run_pickled, pickled(task))] = file
+                running[executor.submit(run_pickled, cloudpickle.dumps(task))] = file
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:

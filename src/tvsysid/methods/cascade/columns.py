@@ -29,7 +29,6 @@ NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
-ALL = slice(None)  # realizations
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 
 
@@ -264,37 +263,38 @@ class Data:
         windows = self.windows if true is None else self.weights(true)
         return np.concatenate([values[..., at] @ weights for at, weights in windows], axis=-1)
 
-    def cross(self, weighted: Array, rows: slice) -> Array:
-        """Return the products of torque and intrinsic columns with weighted columns."""
+    def products(self, further: Array, true: Array | None = None) -> Array:
+        """Return weighted products of torque, intrinsic and further columns in each fold.
+
+        Their shape is (fold, column, column). See :meth:`weights`.
+        """
+        known = self._own_products if true is None else self._products_of_own(true)
+        weighted, found = self.weighted(further, true), []
+        for own, rows in zip(known, self.folds, strict=True):
+            cross = self._cross(weighted[:, rows], rows)
+            last = dot(further[:, rows], weighted[:, rows])
+            found.append(np.block([[own, cross], [cross.T, last]]))
+        return np.stack(found)
+
+    @cached_property
+    def _own_products(self) -> list[Array]:
+        return self._products_of_own()
+
+    def _products_of_own(self, true: Array | None = None) -> list[Array]:
+        """Return weighted products of torque and intrinsic columns in each fold."""
+        found = []
+        for rows in self.folds:
+            parts = zip(self.signals[:, rows], self.bases, strict=True)
+            columns = [signal * basis.T[:, None] for signal, basis in parts]
+            weighted = self.weighted(np.concatenate([self.torque[None, rows], *columns]), true)
+            found.append(self._cross(weighted, rows))
+        return found
+
+    def _cross(self, weighted: Array, rows: slice) -> Array:
+        """Return products of torque and intrinsic columns of some realizations with columns."""
         own = [np.einsum("rt,krt->tk", signal[rows], weighted) for signal in self.signals]
         parts = [basis.T @ each for basis, each in zip(self.bases, own, strict=True)]
         return np.concatenate([dot(self.torque[None, rows], weighted), *parts])
-
-    def products(self, rows: slice = ALL, true: Array | None = None) -> Array:
-        """Return the weighted products of torque and intrinsic columns of some realizations."""
-        parts = [
-            each[rows] * at.T[:, None] for each, at in zip(self.signals, self.bases, strict=True)
-        ]
-        columns = np.concatenate([self.torque[None, rows], *parts])
-        return self.cross(self.weighted(columns, true), rows)
-
-    def extended(
-        self,
-        known: Array,
-        columns: Array,
-        further: Array,
-        rows: slice = ALL,
-        true: Array | None = None,
-    ) -> Array:
-        """Return ``known`` products of torque and columns, with those of further columns."""
-        weighted = self.weighted(further[:, rows], true)
-        cross = np.concatenate([self.cross(weighted, rows), dot(columns[:, rows], weighted)])
-        return np.block([[known, cross], [cross.T, dot(further[:, rows], weighted)]])
-
-    @cached_property
-    def fold_products(self) -> list[Array]:
-        """Return the products of torque and intrinsic columns in each fold."""
-        return [self.products(rows) for rows in self.folds]
 
     def features(self, weights: Array) -> Array:
         """Return the weights (time, column) that sum the signals' weighted coefficients."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import attrs
@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.columns import ALL, Data, convolved, deviations, muscle
+from tvsysid.methods.cascade.columns import Data, convolved, deviations, muscle
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
@@ -85,30 +85,22 @@ class Regression:
     @cached_property
     def columns(self) -> Array:
         """Return the columns of the reflex (column, realization, time)."""
-        count = 2 * self.data.gain.harmonics + 1
-        return self.reflex(np.eye(count))
-
-    def products(self, rows: slice = ALL) -> Array:
-        """Return the products of torque and columns of some realizations, by default of all."""
-        data, folds = self.data, self.data.fold_products
-        known = np.sum(folds, axis=0) if rows == ALL else folds[data.folds.index(rows)]
-        return data.extended(known, self.columns[:0], self.columns, rows)
+        return self.reflex(np.eye(2 * self.data.gain.harmonics + 1))
 
     @cached_property
-    def all_products(self) -> Array:
-        """Return the products of torque and columns of all realizations."""
-        return self.products()
+    def products(self) -> Array:
+        """Return the products (fold, column, column) of torque and columns."""
+        return self.data.products(self.columns)
 
     @cached_property
     def moments(self) -> Moments:
         """Return the moments of all columns."""
-        return moments_of(self.all_products, self.data.number)
+        return moments_of(self.products, self.data.number)
 
     @property
     def prior(self) -> Prior:
         """Return the prior of the coefficients."""
-        sizes = np.diff([*self.data.starts, self.data.own, len(self.moments.cross)])
-        return Prior.of(tuple(sizes.tolist()))
+        return Prior.of(np.diff([*self.data.starts, self.data.own, len(self.moments.cross)]))
 
 
 @attrs.frozen(eq=False)
@@ -176,11 +168,11 @@ class Fit:
         NaN if there is a single fold.
         """
         data, left = self.data, np.full_like(self.data.torque, np.nan)
-        for rows in data.folds[: len(data.folds) * (len(data.folds) > 1)]:
+        for fold, rows in enumerate(data.folds[: len(data.folds) * (len(data.folds) > 1)]):
             share = 1 - len(left[rows]) / len(left)
-            others = self.regression.all_products - self.regression.products(rows)
-            found = ridge(moments_of(others, share * data.number), self.spread, self.positive)
-            left[rows] = self.regression.residual(found.mean)[rows]
+            others = moments_of(np.delete(self.regression.products, fold, 0), share * data.number)
+            mean = ridge(others, self.spread, self.positive).mean
+            left[rows] = self.regression.residual(mean)[rows]
         return left
 
     def share(self) -> float:
@@ -208,13 +200,8 @@ class Fit:
 
         With the noise's ``true`` autocorrelation they are those of the sandwich covariance.
         """
-        data, columns, slopes = self.data, self.regression.columns, self.slopes()
-        if true is None:
-            found = data.extended(self.regression.all_products, columns, slopes)
-        else:
-            further = np.concatenate([columns, slopes])
-            found = data.extended(data.products(ALL, true), further[:0], further, ALL, true)
-        return moments_of(found, data.number)
+        further = np.concatenate([self.regression.columns, self.slopes()])
+        return moments_of(self.data.products(further, true), self.data.number)
 
     @property
     def freedom(self) -> float:
@@ -275,8 +262,8 @@ class Fit:
 
 
 def moments_of(products: Array, number: float) -> Moments:
-    """Return the moments of columns that follow the torque."""
-    return Moments.of(np.roll(products, -1, axis=(0, 1)), number)
+    """Return the moments of columns that follow the torque, from products in some folds."""
+    return Moments.of(np.roll(products.sum(axis=0), -1, axis=(0, 1)), number)
 
 
 def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
@@ -329,8 +316,7 @@ class Prior(NamedTuple):
     first: NDArray[np.int64]
 
     @staticmethod
-    @lru_cache(maxsize=4)
-    def of(sizes: tuple[int, ...]) -> Prior:
+    def of(sizes: NDArray[np.int64]) -> Prior:
         """Return the prior of the coefficients of signals, and of a reflex's gain, which is last.
 
         There are so many of each: a constant, and two for each harmonic. Constants of stiffness,

@@ -127,8 +127,7 @@ class Joint:
         Raises
         ------
         InputError
-            For a duration or rate that is not positive, or a profile that does not give one finite
-            number for each time.
+            For a duration or rate that is not positive.
         """
         return self._simulate(Conditions(duration, perturbation, snr_db, seed, rate))
 
@@ -139,11 +138,7 @@ class Joint:
     def _impedance(self, time: Array, rate: float) -> dict[str, Array]:
         """Return stiffness, viscosity and inertia over time."""
         names = ("stiffness", "viscosity", "inertia")
-        return {name: self._over_time(name, time, rate) for name in names}
-
-    def _over_time(self, name: str, time: Array, rate: float) -> Array:
-        """Evaluate a field that is a number or a profile."""
-        return over_time(f"{type(self).__name__}: {name}", getattr(self, name), time, rate)
+        return {name: over_time(getattr(self, name), time, rate) for name in names}
 
 
 @attrs.frozen
@@ -186,7 +181,7 @@ class ReflexJoint(Joint):
 
     def _simulate(self, conditions: Conditions) -> Simulation:
         time, rate = conditions.time, conditions.rate
-        gain = self._over_time("reflex_gain", time, rate)
+        gain = over_time(self.reflex_gain, time, rate)
         truth = self._impedance(time, rate) | {"reflex_gain": gain}
 
         def emg(velocity: Array) -> dict[str, Array]:
@@ -263,15 +258,15 @@ class ScheduledJoint(Joint):
         if self.schedule is None:
             variable = self._inverse_relation(truth["stiffness"])
         else:
-            variable = self._over_time("schedule", time, rate)
+            variable = over_time(self.schedule, time, rate)
         variable = variable * self._strength(conditions)
-        truth["stiffness"] = self._related("relation", variable)
+        truth["stiffness"] = evaluate(self.relation, variable)
         if self.viscosity_relation is not None:
-            truth["viscosity"] = self._related("viscosity_relation", variable)
+            truth["viscosity"] = evaluate(self.viscosity_relation, variable)
         reflex, late = None, variable
         if self.gain_relation is not None:
             reflex = self.reflex
-            truth["reflex_gain"] = self._related("gain_relation", variable)
+            truth["reflex_gain"] = evaluate(self.gain_relation, variable)
             # The gain at the time of the stretch counts. Before the record, it is the first value.
             early = conditions.second + round(reflex.delay * rate)
             late = np.pad(truth["reflex_gain"][conditions.second :], (early, 0), "edge")[
@@ -280,14 +275,10 @@ class ScheduledJoint(Joint):
         channels = {self.variable: variable}
         return impose(conditions, truth, self.noise_bandwidth, reflex, late, lambda _: channels)
 
-    def _related(self, name: str, variable: Array) -> Array:
-        """Evaluate a relation at the values of a variable."""
-        return evaluate(f"ScheduledJoint: {name}", getattr(self, name), variable)
-
     def _inverse_relation(self, stiffness: Array) -> Array:
         """Return the variable that gives a stiffness."""
         grid = np.linspace(0.0, 1.0, 10_001)
-        values = self._related("relation", grid)
+        values = evaluate(self.relation, grid)
         low, high = stiffness.min(), stiffness.max()
         if not np.all(np.diff(values) > 0) or values[0] > low or high > values[-1]:
             raise InputError(

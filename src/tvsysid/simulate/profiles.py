@@ -7,7 +7,6 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
 from tvsysid.numerics import Array
 from tvsysid.validators import Validator, is_number
 
@@ -103,25 +102,20 @@ PROFILES: dict[str, Profile] = {"square": SquareWave(), "sine": SineWave(), "con
 """Stiffness over time, by name."""
 
 
-def over_time(name: str, profile: float | Profile, time: Array, rate: float) -> Array:
+def over_time(profile: float | Profile, time: Array, rate: float) -> Array:
     """Return the values of a number or profile at multiples of 1/rate.
 
     A profile with an attribute ``period`` in s is evaluated over one period, if this is a whole
-    number of samples. The name is for the error message.
+    number of samples.
     """
     exact = rate * (getattr(profile, "period", None) or 0.0)
     cycle, index = round(exact), np.rint(time * rate).astype(np.int64)
     if 0 < cycle < len(time) and abs(exact - cycle) < 1e-9 * cycle:
-        return over_time(name, profile, np.arange(cycle) / rate, rate)[index % cycle]
-    return evaluate(name, profile, time)
+        return over_time(profile, np.arange(cycle) / rate, rate)[index % cycle]
+    return evaluate(profile, time)
 
 
-def evaluate(name: str, function: float | Profile, argument: Array) -> Array:
+def evaluate(function: float | Profile, argument: Array) -> Array:
     """Return the values of a number or function. One value holds for all arguments."""
     values = function(argument) if callable(function) else function
-    if np.shape(values) not in ((), argument.shape) or not np.isfinite(values).all():
-        raise InputError(
-            f"{name} must give one finite number for each of {len(argument)} values, got shape "
-            f"{np.shape(values)}"
-        )
     return np.broadcast_to(np.asarray(values, dtype=np.float64), argument.shape)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import attrs
 import numpy as np
 
-from tvsysid.arrays import check_finite, to_arrays
+from tvsysid.arrays import to_arrays
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate.perturbations import Perturbation
@@ -36,16 +36,6 @@ class System(Protocol):
         ...  # pragma: no cover
 
 
-def _check(simulation: Simulation, _: object, values: Mapping[str, Array]) -> None:
-    for name, each in values.items():
-        check_finite(name, each, ("time",))
-        if len(each) != (expected := len(simulation.recording)):
-            raise InputError(
-                f"{name!r}: expected a value for each of the recording's {expected} samples, got "
-                f"{len(each)}"
-            )
-
-
 @attrs.frozen(eq=False, repr=False)
 class Simulation:
     """Simulated recording and the truth about it, sample by sample.
@@ -58,16 +48,11 @@ class Simulation:
         Quantities by name, such as ``stiffness`` in N·m/rad, each of shape (time,).
     pathways
         Noiseless torque in N·m by pathway, such as ``intrinsic``, each of shape (time,).
-
-    Raises
-    ------
-    InputError
-        For a quantity or pathway that is not one finite number for each sample of the recording.
     """
 
     recording: Recording
-    truth: Mapping[str, Array] = attrs.field(converter=to_arrays, validator=_check)
-    pathways: Mapping[str, Array] = attrs.field(converter=to_arrays, validator=_check)
+    truth: Mapping[str, Array] = attrs.field(converter=to_arrays)
+    pathways: Mapping[str, Array] = attrs.field(converter=to_arrays)
 
     def plot(self, title: str = "") -> Figure:
         """Draw the recording."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.methods.adaptive.model import changes
+from tvsysid.methods.adaptive.model import describe_changes
 
 pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.errors.DataQualityWarning")
 
@@ -130,7 +130,7 @@ def test_walking_stiffness_without_its_reflex(walking, key):
         assert 25 < model.stiffness.mean() < 32
         assert model.time[np.argmax(model.stiffness)] == pytest.approx(0.69, abs=0.1)
         return
-    assert changes(model)[-1] == "the torque of a stretch reflex is separated"
+    assert describe_changes(model)[-1] == "the torque of a stretch reflex is separated"
     at = dict(zip(np.round(model.time, 2), model.stiffness, strict=True))
     assert 55 < at[0.7] < 70  # with the reflex some 77
     assert at[0.72] - at[0.82] > 30

@@ -15,8 +15,8 @@ from tests.conftest import ensemble_of
 from tests.methods.free_estimates import estimate_of
 
 import tvsysid as tv
-from tvsysid.methods.adaptive import evidence, posterior, prior, regression, search
-from tvsysid.methods.adaptive.model import MixtureError, Switch, changes
+from tvsysid.methods.adaptive import averaging, evidence, prior, regression, search
+from tvsysid.methods.adaptive.model import MixtureError, Switch, describe_changes
 from tvsysid.methods.adaptive.signals import Signals
 from tvsysid.numerics.differentiation import differentiate
 
@@ -60,13 +60,13 @@ def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, 
             estimate, each._replace(variances=np.r_[4.0, each.variances[1:]])
         )
         for positions in ([], [12.3, 27.8], [5.0, 12.25, 30.5]):
-            switches = search.Candidate(smooth, np.array(positions))
+            switches = search.CurveModel(smooth, np.array(positions))
             log_prior = each.log_prior - len(positions) * np.log(40)
-            for found in posterior.weighed([smooth], [switches]):
+            for found in averaging.weighed([smooth], [switches]):
                 gain, mean, error = dense_posterior(estimate, covariance, found)
                 chance = log_prior - bool(positions) * np.log(6 if periodic else 3)
                 assert found.evidence == pytest.approx(gain + chance, abs=1e-5)
-                over_time = posterior.OverTime.of(found, switches.positions[None])
+                over_time = averaging.OverTime.of(found, switches.positions[None])
                 np.testing.assert_allclose(over_time.means[:, 0], mean, atol=1e-6)
                 np.testing.assert_allclose(over_time.variances[:, 0], error**2, atol=1e-6)
         own, last = smooth.steps(np.array(positions[:2])), smooth.steps(np.array(positions[2:]))
@@ -143,7 +143,7 @@ def test_slow_noise_counts_less_and_bands_hold(colour, most):
 
 
 def mixture_band(weights, means, variances, freedom, **band):
-    mixed = posterior.Mixture(*np.array([[weights], [means], [variances]], dtype=float))
+    mixed = averaging.Mixture(*np.array([[weights], [means], [variances]], dtype=float))
     error = MixtureError(np.sqrt(mixed.variance()), np.array(freedom), mixture=mixed)
     return np.array(tv.Estimate(mixed.mean(), "N m/rad", error=error).band(**band))[:, 0]
 
@@ -194,7 +194,7 @@ def test_changes_are_described_with_their_probabilities():
     ]
     details = SimpleNamespace(details={"smooth_stiffness": 0.1})
     model = SimpleNamespace(switches=switches, diagnostics=details, reflex=True)
-    assert changes(model) == [
+    assert describe_changes(model) == [
         "switch at 0.500 s: +100.0 ± 2.0 N·m/rad",
         "possible switch at 1.000 s: -8.0 ± 3.9 N·m/rad, probability 33 %",
         "probable switch at 1.500 s: +8.0 ± 3.9 N·m/rad, probability 70 %",
@@ -270,7 +270,7 @@ def test_a_refit_keeps_what_the_whole_found_and_predicts_as_well(reflex_gain, mo
     ensemble = reflex_ensemble(40.0, snr_db=10, stiffness=square, reflex_gain=reflex_gain)
     kept, left = ensemble.select(range(14)), ensemble.select(range(14, len(ensemble)))
     whole, anew = (METHOD.identify(data) for data in (ensemble, kept))
-    monkeypatch.setattr(posterior, "propose_switches", None)
+    monkeypatch.setattr(averaging, "propose_switches", None)
     vafs = [
         tv.metrics.vaf(left.torque[:, left.core], each.predict(left)).mean()
         for each in (METHOD.refit(kept, whole), anew)

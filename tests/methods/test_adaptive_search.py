@@ -7,7 +7,7 @@ import pytest
 from tests.methods.free_estimates import estimate_of
 
 import tvsysid as tv
-from tvsysid.methods.adaptive import evidence, posterior, prior, search
+from tvsysid.methods.adaptive import averaging, evidence, prior, search
 from tvsysid.methods.adaptive.model import switches_of
 
 
@@ -23,7 +23,7 @@ def test_the_search_finds_the_best_of_all_pairs(random):
     estimate, _ = estimate_of(random, periodic=True)
     smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(estimate.axis)]
     grid = search.Grid(estimate)
-    first = [search.first_candidate(each, grid) for each in smooths]
+    first = [search.first_model(each, grid) for each in smooths]
     best = search.propose_switches(first, grid)[0]
     found = best.smooth.scores_of(best.smooth.steps(best.positions)).max()
     steps = smooths[0].beside(grid.steps)
@@ -41,10 +41,8 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
         estimate = evidence.FreeEstimate(axis, values, np.eye(200) / 0.1, 1.0)
         smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(axis)[::8]]
         grid = search.Grid(estimate)
-        sets = search.propose_switches(
-            [search.first_candidate(each, grid) for each in smooths], grid
-        )
-        true = max(search.Candidate(each, edges).refined().total for each in smooths)
+        sets = search.propose_switches([search.first_model(each, grid) for each in smooths], grid)
+        true = max(search.CurveModel(each, edges).refined().total for each in smooths)
         best = max(each.refined().total for each in sets)
         assert best > true - 0.5
 
@@ -58,7 +56,7 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
     )
     second = list(evidence.few_harmonics(estimate, np.array([12.3, 27.8])))[1]
     assert list(np.flatnonzero(second.variances)) == [0, 2, 5]  # constant, first sine, third cosine
-    best = posterior.average(estimate).candidates[0]
+    best = averaging.average(estimate).models[0]
     np.testing.assert_allclose(best.positions, [12.3, 27.8], atol=0.3)
     assert list(np.flatnonzero(best.smooth.prior.variances)) == [0, 2, 5]
 
@@ -80,16 +78,16 @@ def test_misfit_widens_the_error_of_a_free_estimate_that_is_given_too_small(rand
 
 def test_two_switches_that_are_close_are_both_listed(random):
     estimate, _ = estimate_of(random, periodic=False, switches=(20.3, 22.6))
-    rows = switches_of("stiffness", posterior.average(estimate), 0, 1.0)
+    rows = switches_of("stiffness", averaging.average(estimate), 0, 1.0)
     times = [row.time for row in rows if row.probability > 0.5]
     assert times == pytest.approx([20.3, 22.6], abs=0.4)
 
 
 @pytest.mark.slow
 def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
-    found, other = (posterior.average(estimate_of(random, True)[0]), estimate_of(random, True)[0])
-    beside = posterior.average(other, (), found)
-    tied = found.candidates[0].positions
-    assert beside.candidates[0].positions == pytest.approx(tied)
-    alone = max(each.evidence for each in posterior.plausible(other))
-    assert beside.candidates[0].evidence > alone + 1  # no position had to be found
+    found, other = (averaging.average(estimate_of(random, True)[0]), estimate_of(random, True)[0])
+    beside = averaging.average(other, (), found)
+    tied = found.models[0].positions
+    assert beside.models[0].positions == pytest.approx(tied)
+    alone = max(each.evidence for each in averaging.plausible(other))
+    assert beside.models[0].evidence > alone + 1  # no position had to be found

@@ -16,7 +16,7 @@ import numpy as np
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import DataQualityWarning
-from tvsysid.methods.adaptive.model import AdaptiveModel, changes
+from tvsysid.methods.adaptive.model import AdaptiveModel, describe_changes
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
@@ -142,7 +142,7 @@ class Answer:
         return (
             *lines,
             *self.reasons,
-            *(changes(self.model) if isinstance(self.model, AdaptiveModel) else ()),
+            *(describe_changes(self.model) if isinstance(self.model, AdaptiveModel) else ()),
         )
 
     def _bands(self) -> str:

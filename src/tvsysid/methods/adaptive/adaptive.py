@@ -9,10 +9,10 @@ import numpy as np
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods import base, shared
+from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage, average
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
-from tvsysid.methods.adaptive.posterior import Hypothesis, Mixture, Posterior, average
 from tvsysid.methods.adaptive.regression import A, FreeEstimates, V, pooling_reach
-from tvsysid.methods.adaptive.search import Candidate
+from tvsysid.methods.adaptive.search import CurveModel
 from tvsysid.methods.adaptive.signals import (
     MIN_REALIZATIONS,
     MIN_SAMPLES,
@@ -159,7 +159,7 @@ class AdaptiveRegression(base.Method):
 
     def fit(self, ensemble: Ensemble) -> AdaptiveModel:
         """Return the model of an ensemble."""
-        return self._identified(ensemble, select_reflex(ensemble, self.emg), {})
+        return self._fit_in_turn(ensemble, select_reflex(ensemble, self.emg), {})
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit with the hypotheses of a model: its reflex, smooth parts and numbers of switches.
@@ -169,9 +169,9 @@ class AdaptiveRegression(base.Method):
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
         selection = None if model.reflex is None else select_reflex(ensemble, self.emg)
-        return self._identified(ensemble, selection, model.hypotheses)
+        return self._fit_in_turn(ensemble, selection, model.hypotheses)
 
-    def _identified(
+    def _fit_in_turn(
         self, ensemble: Ensemble, selection: Selection | None, known: Hypotheses
     ) -> AdaptiveModel:
         """Return the model. If there are known hypotheses, no others are searched for.
@@ -183,7 +183,7 @@ class AdaptiveRegression(base.Method):
         signals = Signals.of_second_order(ensemble)
         if selection is not None:
             signals = Signals.with_reflex(ensemble, selection)
-        free, found = FreeEstimates(ensemble, signals), dict[str, Posterior]()
+        free, found = FreeEstimates(ensemble, signals), dict[str, ModelAverage]()
         for turn in range(1 + MAX_ROUNDS):
             if turn == MAX_ROUNDS:
                 known = known or {name: each.hypotheses for name, each in found.items()}
@@ -194,12 +194,12 @@ class AdaptiveRegression(base.Method):
                 break
             viscosity = free.viscosity(stiffness.mixture)
             found["viscosity"] = average(viscosity, known.get("viscosity", ()), stiffness)
-            if found["viscosity"].probability(Candidate.is_constant) > 0.5:
+            if found["viscosity"].probability(CurveModel.is_constant) > 0.5:
                 break
         return model_of(repr(self), free, found)
 
 
-def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> AdaptiveModel:
+def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) -> AdaptiveModel:
     """Return the model with the posterior of stiffness, and of viscosity if no reflex is shown."""
     ensemble, signals, times = free.ensemble, free.signals, free.axis.times
     rate, reflex = ensemble.sampling_rate, signals.reflex
@@ -217,8 +217,8 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
         errors = np.sqrt(mixture.variance())
         error = MixtureError(errors, freedom, posterior.arc(), mixture=mixture)
         estimates[quantity] = Estimate(mixture.mean(), UNITS[quantity], error=error)
-        details[f"constant_{quantity}"] = posterior.probability(Candidate.is_constant)
-        details[f"smooth_{quantity}"] = posterior.probability(Candidate.is_smooth)
+        details[f"constant_{quantity}"] = posterior.probability(CurveModel.is_constant)
+        details[f"smooth_{quantity}"] = posterior.probability(CurveModel.is_smooth)
     if reflex is None:
         known = 0 * errors  # NaN at the missing edges
         errors = known + np.sqrt(free.covariance[A - V, A - V])
@@ -247,7 +247,7 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, Posterior]) -> 
     )
 
 
-def warnings_of(free: FreeEstimates, found: Mapping[str, Posterior]) -> Iterator[str]:
+def warnings_of(free: FreeEstimates, found: Mapping[str, ModelAverage]) -> Iterator[str]:
     """Yield what the data do not determine, and what the fit does not explain."""
     undetermined = []
     if len(free.ensemble) < MIN_TESTED_REALIZATIONS:

@@ -39,7 +39,7 @@ MIN_DISTANCE = 1.0  # samples between two switches
 MAX_HARMONIC = 12
 MAX_WAVES = 8  # number of cosines and sines in a sum
 WAVES_PROBABILITY = 0.1  # prior weight of all sums of harmonics; that of no smooth part is 0.5
-FIRST_ODDS, SECOND_ODDS = 1 / 20, 2.0  # of a harmonic's cosine or sine, and then of the other one
+WAVE_ODDS = 1 / 20  # of each cosine and sine
 STEP = 0.2  # prior standard deviation of switches beside harmonics, in mean sizes
 
 
@@ -62,10 +62,6 @@ class Steps(NamedTuple):
     def take(self, index: NDArray[np.intp] | slice) -> Steps:
         """Return some of the steps; a slice copies nothing."""
         return Steps(*(each[..., index] for each in self))
-
-    def thinned(self, most: int) -> Steps:
-        """Return evenly spaced ones of the steps, at most so many."""
-        return self.take(slice(None, None, -(-len(self.positions) // most)))
 
     def joined(self, other: Steps) -> Steps:
         """Return the steps, and other ones after them."""
@@ -138,7 +134,6 @@ class SmoothFit:
         self.mean = self.whitened(estimate.moments.cross)
         explained = float(self.mean @ self.mean)
         self.score = prior.log_prior + 0.5 * (explained - self.posterior.log_determinant)
-        self.window = cache(lambda *window: self.beside(estimate.window(*window)))
 
     def whitened(self, products: Array) -> Array:
         """Return products with the features in the units of ``mean``, shape (coefficient, ...)."""
@@ -153,6 +148,10 @@ class SmoothFit:
         """Return what the smooth part leaves of steps at positions."""
         return self.beside(self.estimate.steps(positions))
 
+    def window(self, centre: int, spacing: float, reach: float) -> Steps:
+        """Return what the smooth part leaves of the steps about a sample."""
+        return self.beside(self.estimate.window(centre, spacing, reach))
+
     def beside(self, steps: Steps) -> Steps:
         """Return what the smooth part leaves of steps."""
         explained = self.whitened(steps.features)
@@ -165,7 +164,7 @@ class SmoothFit:
     def scores_of(self, switches: Steps) -> Array:
         """Return the score with switches, whose positions are equally likely, (size prior,)."""
         gram, cross = switches.products(switches)[None], switches.cross[None]
-        return self.score + log_evidence(self.estimate.axis, gram, cross)[:, 0]
+        return self.score + switch_evidence(self.estimate.axis, gram, cross)[:, 0]
 
     def scores_with(self, switches: Steps, further: Steps) -> Array:
         """Return the scores with switches and each further one, shape (size prior, further).
@@ -174,7 +173,7 @@ class SmoothFit:
         """
         axis, gram = self.estimate.axis, switches.products(switches)[None]
         more = switches.products(further), further.power, further.cross
-        evidence = log_evidence(axis, gram, switches.cross[None], more)
+        evidence = switch_evidence(axis, gram, switches.cross[None], more)
         distances = np.abs(axis.offset(switches.positions[:, None], further.positions))
         return np.where((distances < MIN_DISTANCE).any(axis=0), -np.inf, self.score + evidence)
 
@@ -198,7 +197,7 @@ def size_covariances(gram: Array) -> Array:
     return np.asarray(np.linalg.inv(gram + prior[:, None]), dtype=np.float64)
 
 
-def log_evidence(
+def switch_evidence(
     axis: Axis, gram: Array, cross: Array, further: tuple[Array, Array, Array] | None = None
 ) -> Array:
     r"""Return the log evidence for sets of switches, shape (size prior, set).
@@ -243,27 +242,22 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     Start from a constant and steps at ``positions``. Add the cosine or sine with the most evidence,
     one at a time, with its own prior standard deviation, one of AMPLITUDES. Yield each sum.
     """
-    features, values = np.hsplit(estimate.white, [-1])
-    count, known = 2 * min(MAX_HARMONIC, estimate.axis.harmonics), len(positions) + 1
-    steps = estimate.steps(positions).columns
-    columns = np.hstack([steps, features[:, : count + 1], values])
+    steps, known = estimate.steps(positions).columns, len(positions) + 1
+    columns = np.hstack([steps, estimate.white])
     moments = Moments.of(columns.T @ columns, len(columns))
-    variances = np.r_[np.full(len(positions), STEP**2), LEVEL**2, np.zeros(count)]
-    waves, sizes = variances[known:], np.square(AMPLITUDES)[:, None]
-    log_prior = math.log(WAVES_PROBABILITY)
-    log_prior -= count / 2 * math.log1p(FIRST_ODDS * (2 + SECOND_ODDS))
+    variances = np.zeros(len(moments.cross))
+    variances[:known] = [STEP**2] * len(positions) + [LEVEL**2]
+    waves = slice(known, known + 2 * min(MAX_HARMONIC, estimate.axis.harmonics))
+    sizes, count = np.square(AMPLITUDES)[:, None], waves.stop - known
+    log_prior = math.log(WAVES_PROBABILITY) - count * math.log1p(WAVE_ODDS)
     for _ in range(min(MAX_WAVES, count)):
         own = np.flatnonzero(variances)
-        fit, mixed = solve(moments.take(own), 1 / variances[own]), moments.gram[own, known:]
+        fit, mixed = solve(moments.take(own), 1 / variances[own]), moments.gram[own, waves]
         explained = fit.inverse_factor @ mixed
-        power = moments.gram.diagonal()[known:] - np.sum(explained**2, axis=0)
-        cross = moments.cross[known:] - fit.mean @ mixed
-        has_other = waves.reshape(-1, 2)[:, ::-1].ravel() > 0
-        log_odds = np.log(np.where(has_other, SECOND_ODDS, FIRST_ODDS) / len(sizes))
-        evidence = log_odds + column_evidence(power, cross, sizes)
-        evidence[:, waves > 0] = -np.inf
+        power = moments.gram.diagonal()[waves] - np.sum(explained**2, axis=0)
+        evidence = column_evidence(power, moments.cross[waves] - fit.mean @ mixed, sizes)
+        evidence[:, variances[waves] > 0] = -np.inf
         size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
-        waves[wave] = sizes[size, 0]
-        log_prior += float(log_odds[wave])
-        rest = features.shape[1] - count - 1
-        yield SmoothPrior(log_prior, np.pad(variances[known - 1 :], (0, rest)))
+        variances[known + wave] = sizes[size, 0]
+        log_prior += math.log(WAVE_ODDS / len(sizes))
+        yield SmoothPrior(log_prior, variances[known - 1 :].copy())

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from tvsysid.dataset_layout import Labelled
-from tvsysid.methods.adaptive.posterior import Hypothesis, Mixture, Posterior
+from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage
 from tvsysid.methods.adaptive.search import CLOSE
 from tvsysid.methods.cascade.cascade import JointCascadeModel
 from tvsysid.models import Model, StandardError
@@ -110,21 +110,21 @@ class AdaptiveModel(Model):
         return {f"switch_{name}": (("switch",), list(column)) for name, column in columns}, {}
 
 
-def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) -> list[Switch]:
+def switches_of(quantity: str, posterior: ModelAverage, missing: int, rate: float) -> list[Switch]:
     """Return the switches that are likely enough to be listed, in the order of time.
 
-    Those of a candidate are left out where a better candidate has one nearby.
+    Those of a model are left out where a better model has one nearby.
     """
-    rows, counted = list[Switch](), posterior.candidates[: len(posterior.weights)]
+    rows, counted = list[Switch](), posterior.models[: len(posterior.weights)]
     estimate = counted[0].smooth.estimate
-    for rank, (candidate, own) in enumerate(zip(counted, posterior.over_time, strict=True)):
-        for index, position in enumerate(candidate.positions):
+    for rank, (model, own) in enumerate(zip(counted, posterior.over_time, strict=True)):
+        for index, position in enumerate(model.positions):
             distances = (estimate.axis.offset(each.positions, position) for each in counted)
             near = np.array([(np.abs(each) < CLOSE).any() for each in distances])
             probability = min(float(posterior.weights @ near), 1.0)  # rounding may exceed it
             if near[:rank].any() or probability < MIN_SWITCH_PROBABILITY:
                 continue
-            window, probabilities = candidate.places[index]
+            window, probabilities = model.places[index]
             late = estimate.axis.offset(window, position)
             ends = np.quantile(late, [0.025, 0.975], weights=probabilities, method="inverted_cdf")
             time = (position + missing) / rate
@@ -136,7 +136,7 @@ def switches_of(quantity: str, posterior: Posterior, missing: int, rate: float) 
     return sorted(rows, key=attrgetter("time"))
 
 
-def changes(model: AdaptiveModel) -> list[str]:
+def describe_changes(model: AdaptiveModel) -> list[str]:
     """Describe how stiffness changes: its switches in the order of time, smooth changes, a reflex.
 
     The band of a switch's size is that of 95 %.

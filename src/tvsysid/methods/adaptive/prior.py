@@ -117,6 +117,9 @@ def smooth_priors(axis: Axis) -> list[SmoothPrior]:
 
     None has probability 1/2. Squared-exponential processes and Matérn 3/2 processes, which suit
     corners, have 1/4 each.
+
+    A process is known by its spectrum: the variances of the cosines and sines of its harmonics.
+    Another kernel is another ``spectrum`` here.
     """
     harmonic = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
     shortest = max(MIN_LENGTH, 0.78 * axis.period / (axis.harmonics + 1))

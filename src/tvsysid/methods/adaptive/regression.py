@@ -14,8 +14,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import toeplitz
 from scipy.ndimage import convolve1d
 
+from tvsysid.methods.adaptive.averaging import Mixture
 from tvsysid.methods.adaptive.evidence import FreeEstimate
-from tvsysid.methods.adaptive.posterior import Mixture
 from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
 from tvsysid.methods.adaptive.signals import Signals
 from tvsysid.numerics import Array

@@ -18,8 +18,7 @@ from tvsysid.numerics import Array
 # positions that are tried at most
 MAX_POSITIONS = 400  # of one more switch
 MAX_FIRST = 200  # of the first switch
-MAX_PAIRED = 100  # of each of the first two switches
-FIRST_SIZE = 0.2  # standard deviation of the first one or two switches, in mean sizes
+FIRST_SIZE = 0.2  # standard deviation of the first switch, in mean sizes
 MAX_GAIN = 50.0  # largest gain in log evidence that is expected of one more switch
 SLACK = 5.0  # loss of log evidence against the best set up to which a proposal is kept
 MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
@@ -32,11 +31,11 @@ SWEEPS = 4  # of all switches, each placed beside the others, at most
 BY_SCORE = attrgetter("score")
 
 
-class Candidate(NamedTuple):
-    """Switches at ``positions`` beside a smooth part, and their ``score``.
+class CurveModel(NamedTuple):
+    """Explanation of a free estimate: a smooth part, and switches at ``positions``.
 
     ``score`` is the log evidence with the switches at exactly these positions. ``places`` holds the
-    possible positions of each switch and their probabilities, once the candidate ``is_refined``.
+    possible positions of each switch and their probabilities, once they are refined.
     ``log_volume`` is the log of the ratio of the evidence, integrated over all these positions in
     samples, to that at the best ones. ``evidence`` is the integrated log evidence, priors included,
     for the size prior with the index ``size_prior``.
@@ -47,7 +46,6 @@ class Candidate(NamedTuple):
     score: float = -math.inf
     places: Sequence[tuple[Array, Array]] = ()
     log_volume: float = 0.0
-    is_refined: bool = False
     size_prior: int = 0
     evidence: float = -math.inf
 
@@ -64,7 +62,7 @@ class Candidate(NamedTuple):
         """Return whether there is a smooth part."""
         return bool(self.smooth.prior.variances[1:].any())
 
-    def refined(self, spacing: float = PLACED, reach: float = REFINE_REACH) -> Candidate:
+    def refined(self, spacing: float = PLACED, reach: float = REFINE_REACH) -> CurveModel:
         """Move switches to their most probable positions, each beside the others, in turn.
 
         Positions that are tried have a ``spacing`` and a distance of up to ``reach`` samples.
@@ -91,10 +89,9 @@ class Candidate(NamedTuple):
             score=float(smooth.scores_of(own).max()),
             places=[places[place] for place in order],
             log_volume=sum(map(math.log, volumes)),
-            is_refined=True,
         )
 
-    def without_doubles(self) -> Candidate:
+    def without_doubles(self) -> CurveModel:
         """Remove one of two close switches where that raises the evidence.
 
         On the grid of the search, two switches may represent one.
@@ -117,44 +114,31 @@ class Grid:
         spacing = max(0.5, times / MAX_POSITIONS)
         first = 0 if estimate.axis.periodic else 1  # a step before the first sample is none
         self.steps = estimate.steps(np.arange(first, int(times / spacing), dtype=float) * spacing)
-        self.first = self.steps.thinned(MAX_FIRST)
-        pairs = self.first.thinned(MAX_PAIRED)
-        self.pair_gram = pairs.products(pairs)
+        self.first = self.steps.take(slice(None, None, -(-len(self.steps.positions) // MAX_FIRST)))
         self.window = SEARCHED, SEARCH_REACH * max(1.0, spacing)
 
 
-def first_candidate(smooth: SmoothFit, grid: Grid) -> Candidate:
-    """Return the best of no switch, one switch and two opposite ones beside a smooth part.
-
-    The sizes of two opposite switches are those of one column, which is their difference.
-    """
+def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
+    """Return the better of no switch and the best single one beside a smooth part."""
     steps = smooth.beside(grid.first)
-    pairs = steps.thinned(MAX_PAIRED)
-    gram = grid.pair_gram - pairs.explained.T @ pairs.explained
-    opposite = (
-        (pairs.power[:, None] + pairs.power) / 2 - gram,
-        (pairs.cross[:, None] - pairs.cross) / math.sqrt(2),
-    )
-    best = Candidate(smooth, np.zeros(0), smooth.score)
-    for tried, products in ((steps, (steps.power, steps.cross)), (pairs, opposite)):
-        evidence = column_evidence(*products, FIRST_SIZE**2)
-        places = np.sort(np.unravel_index(evidence.argmax(), evidence.shape))
-        score = smooth.score + evidence.max() - len(places) * math.log(smooth.estimate.axis.times)
-        best = max(best, Candidate(smooth, tried.positions[places], score), key=BY_SCORE)
-    return best
+    evidence = column_evidence(steps.power, steps.cross, FIRST_SIZE**2)
+    score = smooth.score + evidence.max() - math.log(smooth.estimate.axis.times)
+    if score <= smooth.score:
+        return CurveModel(smooth, np.zeros(0), smooth.score)
+    return CurveModel(smooth, steps.positions[[evidence.argmax()]], score)
 
 
-def best_step(candidate: Candidate, grid: Grid) -> Candidate:
-    """Return the best candidate with one more switch, or with another one in place of one."""
-    smooth, count = candidate.smooth, len(candidate.positions)
-    own, steps, options = smooth.steps(candidate.positions), smooth.beside(grid.steps), []
+def best_step(model: CurveModel, grid: Grid) -> CurveModel:
+    """Return the best model with one more switch, or with another one in place of one."""
+    smooth, count = model.smooth, len(model.positions)
+    own, steps, options = smooth.steps(model.positions), smooth.beside(grid.steps), []
     rests = [np.delete(np.arange(count), place) for place in range(count)]
     for kept in [*rests, np.arange(count)]:
         rest = own.take(kept)
         scores = smooth.scores_with(rest, steps).max(axis=0)
         best = int(np.argmax(scores))
         options.append((scores[best], [*rest.positions, steps.positions[best]]))
-    return candidate._replace(positions=np.sort(max(options)[1])).refined(*grid.window)
+    return model._replace(positions=np.sort(max(options)[1])).refined(*grid.window)
 
 
 def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
@@ -181,11 +165,11 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
             yield np.sort(np.add(path, cut) % times)
 
 
-def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
+def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel]:
     """Return sets of switches near the best score, and the empty one, which is last.
 
-    The search begins with the ``first`` candidate of each smooth part. Each step extends the
-    candidate with the best score. A smooth part is skipped if its first set of switches is one at
+    The search begins with the ``first`` model of each smooth part. Each step extends the model with
+    the best score. A smooth part is skipped if its first set of switches is one at
     which the search of another smooth part has ended.
     """
     found, still_open, ended = list(first), {each.smooth: each for each in first}, set[bytes]()
@@ -197,14 +181,11 @@ def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
             each
             for smooth, each in still_open.items()
             if each.score + min(gains[smooth], MAX_GAIN) > best
-            and (each.is_refined or each.positions.tobytes() not in ended)
+            and (each.places or each.positions.tobytes() not in ended)
         ]
         if not able:
             break
         before = max(able, key=BY_SCORE)
-        if not before.is_refined:
-            before = before.refined(*grid.window)
-            found.append(before)
         after = best_step(before, grid)
         if after.score > best - SLACK:
             found.append(after)
@@ -215,7 +196,7 @@ def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
             del still_open[before.smooth]
     best, none = max(map(BY_SCORE, found)), first[0].smooth
     joint = [
-        Candidate(none, positions, float(none.scores_of(none.steps(positions)).max()))
+        CurveModel(none, positions, float(none.scores_of(none.steps(positions)).max()))
         for positions in joint_update(none.estimate, first[0].positions)
     ]
     joint = [each.refined(*grid.window) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
@@ -223,4 +204,4 @@ def propose_switches(first: Sequence[Candidate], grid: Grid) -> list[Candidate]:
     best = max(map(BY_SCORE, found))
     best_of = {each.positions.tobytes(): each for each in sorted(found, key=BY_SCORE)}
     sets = [each for at, each in best_of.items() if at and each.score > best - REACH]
-    return [*nlargest(MAX_SETS, sets, key=BY_SCORE), Candidate(none, np.zeros(0))]
+    return [*nlargest(MAX_SETS, sets, key=BY_SCORE), CurveModel(none, np.zeros(0))]

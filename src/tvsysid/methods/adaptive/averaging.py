@@ -16,8 +16,8 @@ from tvsysid.methods.adaptive.evidence import (
     FreeEstimate,
     SmoothFit,
     few_harmonics,
-    log_evidence,
     size_covariances,
+    switch_evidence,
 )
 from tvsysid.methods.adaptive.prior import (
     JITTERS,
@@ -27,9 +27,9 @@ from tvsysid.methods.adaptive.prior import (
     smooth_priors,
 )
 from tvsysid.methods.adaptive.search import (
-    Candidate,
+    CurveModel,
     Grid,
-    first_candidate,
+    first_model,
     propose_switches,
 )
 from tvsysid.numerics import Array
@@ -83,14 +83,14 @@ class OverTime(NamedTuple):
     shapes: Array
 
     @classmethod
-    def of(cls, candidate: Candidate, positions: Array) -> OverTime:
+    def of(cls, model: CurveModel, positions: Array) -> OverTime:
         """Return the posterior over time for sets of positions (set, switch) of the switches."""
-        smooth, each, shape = candidate.smooth, positions.ravel(), positions.shape
+        smooth, each, shape = model.smooth, positions.ravel(), positions.shape
         steps, true_steps = smooth.steps(each), smooth.estimate.axis.steps(each)
         shapes = true_steps - smooth.features @ steps.explained
         shapes = shapes.reshape(len(shapes), *shape).swapaxes(0, 1)
         gram = np.einsum("sisj->sij", steps.products(steps).reshape(2 * shape))
-        balanced, size = divmod(candidate.size_prior, len(SWITCH_SIZES))
+        balanced, size = divmod(model.size_prior, len(SWITCH_SIZES))
         covariance = size_covariances(gram)[size]
         if balanced:
             ones = covariance.sum(axis=-1, keepdims=True)
@@ -103,22 +103,22 @@ class OverTime(NamedTuple):
         return cls(means.T, variances.T, sizes[..., 0], covariance, shapes)
 
 
-def components(candidate: Candidate, weight: float, best: OverTime) -> Array:
+def components(model: CurveModel, weight: float, best: OverTime) -> Array:
     """Return weights, means and variances of the posterior, shape (3, time, component).
 
-    ``weight`` is that of the candidate. ``best`` has all switches at their most probable positions.
+    ``weight`` is that of the model. ``best`` has all switches at their most probable positions.
     The switch nearest to a time takes all its positions, the others stay there.
     """
-    axis, own = candidate.smooth.estimate.axis, candidate.positions
+    axis, own = model.smooth.estimate.axis, model.positions
     if not len(own):
         return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
     apart = np.abs(axis.offset(np.arange(axis.times)[:, None], own))
     nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_COMPONENTS * weight))
     out = np.empty((3, axis.times, count))
-    for index, place in enumerate(candidate.places):
+    for index, place in enumerate(model.places):
         rows, positions = nearest == index, np.tile(own, (count, 1))
         positions[:, index], shares = thinned(*place, count)
-        moved = OverTime.of(candidate, positions)
+        moved = OverTime.of(model, positions)
         out[0, rows] = weight * shares
         out[1:, rows] = moved.means[rows], moved.variances[rows]
     if axis.jitter:
@@ -141,65 +141,62 @@ def thinned(window: Array, probabilities: Array, count: int) -> tuple[Array, Arr
 
 
 @attrs.frozen(eq=False)
-class Posterior:
-    """Candidates, the best first, and the mixture of those that count, with their weights."""
+class ModelAverage:
+    """CurveModels, the best first, and the mixture of those that count, with their weights."""
 
-    candidates: list[Candidate]
+    models: list[CurveModel]
     weights: Array
     over_time: list[OverTime]
     mixture: Mixture
 
     @classmethod
-    def of(cls, candidates: list[Candidate]) -> Posterior:
-        """Return the posterior of all candidates."""
-        candidates = sorted(candidates, key=BY_EVIDENCE, reverse=True)
-        weights = softmax([each.evidence for each in candidates[:MAX_MODELS]])
+    def of(cls, models: list[CurveModel]) -> ModelAverage:
+        """Return the posterior of all models."""
+        models = sorted(models, key=BY_EVIDENCE, reverse=True)
+        weights = softmax([each.evidence for each in models[:MAX_MODELS]])
         weights = weights[weights >= MIN_WEIGHT]
         weights /= weights.sum()
-        kept, size = candidates[: len(weights)], candidates[0].smooth.estimate.size
+        kept, size = models[: len(weights)], models[0].smooth.estimate.size
         over_time = [OverTime.of(each, each.positions[None]) for each in kept]
         shares, means, variances = np.concatenate(
             list(map(components, kept, weights, over_time)), axis=2
         )
         mixture = Mixture(shares, size * means, size**2 * variances)
-        return cls(candidates, weights, over_time, mixture)
+        return cls(models, weights, over_time, mixture)
 
-    def probability(self, wanted: Callable[[Candidate], bool]) -> float:
-        """Return the probability of all candidates of a kind together."""
-        probabilities = softmax([each.evidence for each in self.candidates])
-        return float(probabilities @ [wanted(each) for each in self.candidates])
+    def probability(self, wanted: Callable[[CurveModel], bool]) -> float:
+        """Return the probability of all models of a kind together."""
+        probabilities = softmax([each.evidence for each in self.models])
+        return float(probabilities @ [wanted(each) for each in self.models])
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Hypotheses that count, the most probable first."""
         return tuple(
             Hypothesis(each.smooth.estimate.axis, each.smooth.prior, each.positions)
-            for each in self.candidates[: len(self.weights)]
+            for each in self.models[: len(self.weights)]
         )
 
     def arc(self) -> float:
         """Return the length of the path of the scaled estimate, for simultaneous bands."""
-        smooth, best = self.candidates[0].smooth, self.over_time[0]
-        means = np.hstack([each.means for each in self.over_time])
-        apart = np.sqrt(self.weights) * (means - (means @ self.weights)[:, None])
-        parts = np.eye(len(smooth.mean)), best.covariance[0], np.eye(len(self.weights))
-        features = np.hstack([smooth.features, best.shapes[0], apart])
-        return arc_length(features, block_diag(*parts))
+        smooth, best = self.models[0].smooth, self.over_time[0]
+        features = np.hstack([smooth.features, best.shapes[0]])
+        return arc_length(features, block_diag(np.eye(len(smooth.mean)), best.covariance[0]))
 
     def parameters(self) -> float:
-        """Return the best candidate's effective number of parameters, and of switch times."""
-        smooth, best = self.candidates[0].smooth, self.over_time[0]
+        """Return the best model's effective number of parameters, and of switch times."""
+        smooth, best = self.models[0].smooth, self.over_time[0]
         white = smooth.estimate.whitener @ best.shapes[0]
         sizes = float(np.sum(white @ best.covariance[0] * white))
-        return smooth.posterior.effective + sizes + len(self.candidates[0].positions)
+        return smooth.posterior.effective + sizes + len(self.models[0].positions)
 
 
 def average(
-    estimate: FreeEstimate, known: Sequence[Hypothesis] = (), other: Posterior | None = None
-) -> Posterior:
+    estimate: FreeEstimate, known: Sequence[Hypothesis] = (), other: ModelAverage | None = None
+) -> ModelAverage:
     """Average all plausible models of a free estimate, weighted by their evidence.
 
-    If there are ``known`` hypotheses, only these are averaged. The switches of the best candidate
+    If there are ``known`` hypotheses, only these are averaged. The switches of the best model
     of an ``other`` posterior have a prior probability of 1/2.
 
     A low-pass filter before sampling smears a step, and so do realizations that switch at different
@@ -207,12 +204,12 @@ def average(
     probability of 1/2. The best other smear is averaged with it unless the data exclude it.
     """
     if known or other:
-        tied = None if other is None else other.candidates[0]
+        tied = None if other is None else other.models[0]
         estimate = estimate.on(tied.smooth.estimate.axis if tied else known[0].axis)
-        return Posterior.of(plausible(estimate, known=known, tied=tied))
-    candidates = plausible(estimate)
-    found = Posterior.of(candidates)
-    best, usual = found.candidates[0], estimate.axis
+        return ModelAverage.of(plausible(estimate, known=known, tied=tied))
+    models = plausible(estimate)
+    found = ModelAverage.of(models)
+    best, usual = found.models[0], estimate.axis
     if found.probability(lambda each: not len(each.positions)) > 0.5:
         return found
     smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
@@ -225,20 +222,20 @@ def average(
     priors = [each.prior for each in found.hypotheses]
     beside = plausible(smeared[totals.index(max(totals))], priors)
     beside = [each._replace(evidence=each.evidence + log_prior) for each in beside]
-    return Posterior.of(candidates + beside)
+    return ModelAverage.of(models + beside)
 
 
 def plausible(
     estimate: FreeEstimate,
     priors: Sequence[SmoothPrior] = (),
     known: Sequence[Hypothesis] = (),
-    tied: Candidate | None = None,
-) -> list[Candidate]:
-    """Return all plausible candidates, with steps smeared as the estimate's axis says.
+    tied: CurveModel | None = None,
+) -> list[CurveModel]:
+    """Return all plausible models, with steps smeared as the estimate's axis says.
 
     Search for sets of switches, unless there are ``known`` hypotheses. ``priors`` are those of the
-    smooth part, by default all. ``tied`` is a candidate of another estimate, whose switches are
-    tried, too. If a constant has clearly more evidence than these and the first candidates, no
+    smooth part, by default all. ``tied`` is a model of another estimate, whose switches are
+    tried, too. If a constant has clearly more evidence than these and the first models, no
     switches are searched for.
     """
     priors = priors or [each.prior for each in known]
@@ -246,18 +243,18 @@ def plausible(
         each.variances.tobytes(): SmoothFit(estimate, each)
         for each in priors or smooth_priors(estimate.axis)
     }
-    smooths, others = list(fits.values()), list[Candidate]()
+    smooths, others = list(fits.values()), list[CurveModel]()
     if tied and len(tied.positions):  # positions are given: remove their penalty
         volume = len(tied.positions) * math.log(estimate.axis.times) + math.log(0.5)
         others = [tied._replace(log_volume=volume)]
     if known:  # of hypotheses with the same switches, the most probable counts
         sets = {each.positions.tobytes(): each for each in reversed(known)}.values()
         proposals = [
-            Candidate(fits[each.prior.variances.tobytes()], each.positions) for each in sets
+            CurveModel(fits[each.prior.variances.tobytes()], each.positions) for each in sets
         ]
     else:
         grid = Grid(estimate)
-        first = [first_candidate(smooth, grid) for smooth in smooths]
+        first = [first_model(smooth, grid) for smooth in smooths]
         if tied and not len(first[0].positions):
             evidence = [each.evidence for each in weighed(smooths, others)]
             if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
@@ -265,19 +262,17 @@ def plausible(
         proposals = propose_switches(first, grid)
     refined = [each.refined() for each in proposals]
     found = distinct(each for one in refined for each in (one, one.without_doubles()))
-    candidates = sorted(weighed(smooths, found), key=BY_EVIDENCE)
-    best_of = {id(each.places): each for each in candidates}.values()
-    found = distinct(each.refined() for each in best_of)
     if not priors:  # beside the best set of switches, and beside none
-        for best in {not len(each.positions): each for each in candidates}.values():
+        models = sorted(weighed(smooths, found), key=BY_EVIDENCE)
+        for best in {not len(each.positions): each for each in models}.values():
             sums = few_harmonics(estimate, best.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
     return weighed(smooths, [*found, *others])
 
 
-def distinct(sets: Iterable[Candidate]) -> list[Candidate]:
+def distinct(sets: Iterable[CurveModel]) -> list[CurveModel]:
     """Return sets of switches without repetitions."""
-    out: list[Candidate] = []
+    out: list[CurveModel] = []
     for switches in sets:
         own, offset = switches.positions, switches.smooth.estimate.axis.offset
         alike = (each.positions for each in out if len(each.positions) == len(own))
@@ -286,16 +281,16 @@ def distinct(sets: Iterable[Candidate]) -> list[Candidate]:
     return out
 
 
-def weighed(smooths: Sequence[SmoothFit], sets: Sequence[Candidate]) -> list[Candidate]:
+def weighed(smooths: Sequence[SmoothFit], sets: Sequence[CurveModel]) -> list[CurveModel]:
     """Return every smooth part with every set of switches and every prior of their sizes."""
-    estimate, out = smooths[0].estimate, list[Candidate]()
+    estimate, out = smooths[0].estimate, list[CurveModel]()
     ends = np.cumsum([len(each.positions) for each in sets])
     steps = estimate.steps(np.concatenate([np.zeros(0), *(each.positions for each in sets)]))
     beside = [smooth.beside(steps) for smooth in smooths]
     gram, cross = np.array([x.products(x) for x in beside]), np.array([x.cross for x in beside])
     for switches, end in zip(sets, ends, strict=True):
         own = slice(end - len(switches.positions), end)
-        evidence = log_evidence(estimate.axis, gram[:, own, own], cross[:, own])
+        evidence = switch_evidence(estimate.axis, gram[:, own, own], cross[:, own])
         evidence = evidence if len(switches.positions) else evidence[:1]
         log_prior = switches.log_volume - math.log(len(evidence))
         out += [

@@ -267,7 +267,6 @@ def test_an_angle_at_the_low_rate_only_serves_with_a_warning():
     [
         ({"harmonics": (25, 25)}, "three whole numbers"),
         ({"delay": "free"}, "delay must be a positive number"),
-        ({"delay": "fit", "emg": "emg"}, "is not fitted; give it in s"),
     ],
 )
 def test_wrong_settings_are_refused(settings, message):

@@ -38,7 +38,7 @@ def test_stiffness_and_vaf_are_those_of_the_authors_code(
     rows = [(np.stack([angle[4:], drive[:-4]])[:, None], torque[None, 99:-4])]
     found = parallel_cascade(lagged_moments(rows), 4)
     stiffness, vaf = (parallel_reference[f"{record}__pc_rect_{name}"] for name in ("K", "vaf"))
-    assert found.details.first.weights.sum() == pytest.approx(stiffness, rel=0.02)
+    assert found.details[0].solution.weights.sum() == pytest.approx(stiffness, rel=0.02)
     assert 100 * found.explained == pytest.approx(vaf[0], abs=1.5)
 
 

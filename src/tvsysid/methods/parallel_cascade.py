@@ -95,8 +95,8 @@ class ParallelCascade(base.Method):
         lags = base.fitting_lags("ParallelCascade", self.max_lag, ensemble)
         before = max(2 * lags, base.whole_samples(self.memory, ensemble))
         drive, turn = constant_cascade(ensemble, lags, before)
-        (gram, cross, _, number), rate = turn.details.moments, ensemble.sampling_rate
-        gram, cross, found = gram / number, cross / number, turn.details.first
+        (found, gram, cross), late = turn.details
+        rate = ensemble.sampling_rate
         readout, fitted = second_order_readout(gram, cross, found.inverse, rate)
         # Of so many samples, chance explains nothing.
         agrees = agreement(fitted, float(found.explained) - fitted, 0.0)
@@ -104,7 +104,7 @@ class ParallelCascade(base.Method):
         weights, impedance = (
             np.tile(each, (times, 1)) for each in (found.weights, readout @ cross)
         )
-        diagnostics = Diagnostics(float(turn.details.rank))
+        diagnostics = Diagnostics(float(found.rank + late.solution.rank))
         plain = shared.impulse_response_model(ensemble, weights, impedance, diagnostics, {})
-        reflex = np.tile(turn.second, (ensemble.samples, 1))
+        reflex = np.tile(late.solution.weights, (ensemble.samples, 1))
         return two_pathways(ensemble, plain, drive, reflex, 0, {"second_order_agreement": agrees})

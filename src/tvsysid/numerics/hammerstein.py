@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments
@@ -22,12 +21,9 @@ MIN_TURN_GAIN = 5e-4  # share of the output's power
 
 
 class Turn(NamedTuple):
-    """Weights of the second pathway after a turn, and the explained share of the output's power.
+    """Weights after a turn, the explained share of the output's power, and the caller's details."""
 
-    ``details`` are the caller's.
-    """
-
-    second: Array
+    weights: Array
     explained: float = -np.inf
     details: Any = None
 
@@ -86,51 +82,39 @@ def lagged_gram(signals: Array, before: int) -> Array:
     return gram
 
 
-class Constant(NamedTuple):
-    """First pathway of a turn, the ``moments`` that it solves, and both pathways' ranks."""
+class Pathway(NamedTuple):
+    """Solution of a pathway, and mean products of its lagged input, and with the output."""
 
-    first: Solution
-    moments: Moments
-    rank: int
+    solution: Solution
+    gram: Array
+    cross: Array
 
 
-def parallel_cascade(every: Moments, lags: int) -> Turn:
+def parallel_cascade(moments: Moments, lags: int) -> Turn:
     """Identify two parallel pathways that do not change, in turn.
 
     There are two lagged signals. The first is the input of the first pathway, so many samples
-    ``lags`` ahead: its response reaches as far to either side. The details of the turn are a
-    ``Constant``.
+    ``lags`` ahead: its response reaches as far to either side. Responses are truncated by
+    description length, the directions that explain most first. The details of the turn are the
+    two pathways.
     """
-    size = len(every.cross)
-    near, late = np.arange(2 * lags + 1), np.arange(size // 2, size)
+    gram, cross, power, _ = moments.times(1 / moments.number)
+    pathways = np.arange(2 * lags + 1), np.arange(len(cross) // 2, len(cross))
 
     def step(before: Turn) -> Turn:
-        moments = _less(every, late, before.second).take(near)
-        first = _response(moments)
-        rest = _less(every, near, first.weights).take(late)
-        second = _response(rest)
-        left = _less(rest, np.arange(len(late)), second.weights).square
-        details = Constant(first, moments, int(first.rank + second.rank))
-        return Turn(second.weights, 1 - left / every.square, details)
+        weights, details = before.weights.copy(), []
+        for own in pathways:
+            weights[own] = 0.0
+            left = cross - gram @ weights
+            square = power - weights @ (cross + left)
+            own_gram = gram[np.ix_(own, own)]
+            solutions = truncated(
+                own_gram[None], left[None, own], np.array([square]), moments.number, "output"
+            )
+            solution = Solution(*(values[0] for values in solutions))
+            weights[own] = solution.weights
+            details.append(Pathway(solution, own_gram, left[own]))
+        explained = float(weights @ (2 * cross - gram @ weights)) / power
+        return Turn(weights, explained, details)
 
-    return alternate(step, Turn(np.zeros(len(late))), MAX_TURNS, MIN_TURN_GAIN)
-
-
-def _less(moments: Moments, columns: NDArray[np.intp], weights: Array) -> Moments:
-    """Return the moments of what some columns with these weights leave of the output."""
-    gram, cross, square, number = moments
-    explained = gram[:, columns] @ weights
-    square += float(weights @ (explained - 2 * cross)[columns])
-    return Moments(gram, cross - explained, square, number)
-
-
-def _response(moments: Moments) -> Solution:
-    """Estimate weights of lags by least squares, truncated by description length.
-
-    Directions that explain most come first. See :func:`tvsysid.numerics.pseudoinverse.truncated`;
-    of its arrays, those of the one time.
-    """
-    number = moments.number
-    gram, cross, square, _ = moments.times(1 / number)
-    found = truncated(gram[None], cross[None], np.array([square]), number, "output")
-    return Solution(*(values[0] for values in found))
+    return alternate(step, Turn(np.zeros(len(cross))), MAX_TURNS, MIN_TURN_GAIN)

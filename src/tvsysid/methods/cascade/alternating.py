@@ -112,7 +112,7 @@ class AlternatingCascade(Method):
         start = Turn(np.zeros(0), details=(None, np.zeros_like(torque)))
         best = alternate(step, start, MAX_TURNS, MIN_GAIN)
         intrinsic = attrs.evolve(best.details[0], method=repr(self))
-        return two_pathways(ensemble, intrinsic, drive, best.second, first, {})
+        return two_pathways(ensemble, intrinsic, drive, best.weights, first, {})
 
     def _reflex(self, joint: Ensemble) -> Array:
         """Return the weights (time, lag) of a reflex whose drive moves a joint without another."""

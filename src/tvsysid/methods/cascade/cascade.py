@@ -8,10 +8,8 @@ from typing import Literal
 
 import attrs
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.dataset_layout import UNITS, Labelled
-from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.columns import intrinsic_filters, muscle, readout, unresolved
 from tvsysid.methods.cascade.fit import DELAY, HIGHEST, IS_LOG, LOWEST, NUMBERS, THRESHOLD, Fit
@@ -40,14 +38,6 @@ _positive_or_fit = Validator(
 )
 
 
-def _has_known_delay(method: JointCascade, attribute: object, emg: str | None) -> None:
-    if emg is not None and method.delay == "fit":
-        raise InputError(
-            "JointCascade: the delay from EMG to torque is not fitted; give it in s, as in "
-            "delay=0.01"
-        )
-
-
 @attrs.frozen
 class JointCascade(Method):
     r"""Identify both pathways in one fit: a short intrinsic response and a stretch reflex.
@@ -72,7 +62,7 @@ class JointCascade(Method):
     delay
         d in s; ``"fit"`` estimates it between 35 and 75 ms. Below the lags of the intrinsic
         response, the reflex would explain the torque of inertia. None is 40 ms, or 10 ms from EMG
-        to torque.
+        to torque, which cannot be estimated.
     emg
         Channel that drives the muscle instead of the velocity, such as the envelope of the EMG.
         There is no threshold then.
@@ -132,7 +122,7 @@ class JointCascade(Method):
 
     harmonics: tuple[int, int, int] = attrs.field(default=(25, 25, 10), validator=_three_counts)
     delay: float | Literal["fit"] | None = attrs.field(default=None, validator=_positive_or_fit)
-    emg: str | None = attrs.field(default=None, validator=[optional(text), _has_known_delay])
+    emg: str | None = attrs.field(default=None, validator=optional(text))
 
     key = "cascade"
     title = "Joint fit of intrinsic and reflex pathways"
@@ -296,12 +286,10 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     if not selection.shown:
         return np.zeros((ensemble.samples, 1)), lags[:1]
     weights = weights[first : first + len(lags)]
-    # The gain is that at which the stretch arrives.
-    steps = np.arange(1 - len(lags), ensemble.samples) / data.rate
-    gain = data.gain((steps - lags[0] + fit.shape[DELAY]) / data.period)
-    sign, arriving = _gain_sign(fit), gain @ fit.posterior.mean[data.own :]
-    windows = sliding_window_view(sign * np.maximum(sign * arriving, 0.0), len(lags))
-    return windows[:, ::-1] * weights / weights.sum(), lags
+    arrivals = ensemble.time[:, None] - lags + fit.shape[DELAY]
+    gain = data.gain(arrivals.ravel() / data.period) @ fit.posterior.mean[data.own :]
+    gain = _gain_sign(fit) * np.maximum(_gain_sign(fit) * gain, 0.0)
+    return gain.reshape(arrivals.shape) * weights / weights.sum(), lags
 
 
 def _details(selection: Selection) -> dict[str, float]:

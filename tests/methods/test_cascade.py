@@ -19,7 +19,7 @@ from tvsysid.methods.cascade.columns import (
     muscle,
     second_order_fit,
 )
-from tvsysid.methods.cascade.fit import Fit, Regression, log_evidence, ridge
+from tvsysid.methods.cascade.fit import Fit, log_evidence, ridge
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
@@ -58,7 +58,7 @@ def fit_of(random):
             [0, 5, *range(8, 6 + len(signals))], FourierSeries(harmonics),
             TIMES / RATE, RATE, np.arange(30), slice(0, TIMES), NOISE,
         )  # fmt: skip
-        return Fit(Regression(data, drive, KNOWN), free)
+        return Fit(data, drive, KNOWN, free)
 
     return fit
 
@@ -67,7 +67,7 @@ def every_column(fit):
     """All columns, and the derivatives by the shape, (column, realization, time)."""
     bases = np.split(fit.data.functions.T, fit.data.starts[1:])
     parts = [x * a[:, None] for x, a in zip(fit.data.signals, bases, strict=True)]
-    return np.concatenate([*parts, fit.regression.columns, fit.slopes()])
+    return np.concatenate([*parts, fit.columns, fit.slopes()])
 
 
 def matrix_of(correlation, times):
@@ -115,7 +115,7 @@ def test_moments_and_covariance_are_those_of_the_samples(
     columns, torque = every_column(fit), fit.data.torque
     coefficients = np.arange(len(columns) - len(free)) / 10
     expected = np.tensordot(coefficients, columns[: -len(free)], 1)
-    found = np.sum(fit.regression.torques(coefficients), axis=0)
+    found = np.sum(fit.torques(coefficients), axis=0)
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
     weights, left, noise = np.zeros((TIMES, TIMES)), fit.residual, np.zeros((TIMES, TIMES))

@@ -72,7 +72,7 @@ class Signals:
         change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]
         change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
         torque = data.torque - change @ fit.posterior.mean[: data.own] * data.signals[1]
-        parts = data.signals, fit.regression.columns, fit.slopes(), torque[None]
+        parts = data.signals, fit.columns, fit.slopes(), torque[None]
         return cls(
             columns=np.concatenate(parts),
             edges=(data.times.start, ensemble.samples - data.times.stop),

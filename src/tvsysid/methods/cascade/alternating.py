@@ -96,9 +96,14 @@ class AlternatingCascade(Method):
         def moved(signal: Array, output: Array) -> Ensemble:
             """Return a joint of one pathway with this input in the place of the angle."""
             samples = (signal.shape[1] - ensemble.samples) // 2
-            output = np.pad(output, ((0, 0), (samples, samples)))
-            signals = {"angle": signal, "torque": output, "recorded_angle": None, "channels": {}}
-            return attrs.evolve(kept, **signals, context=samples)
+            return attrs.evolve(
+                kept,
+                angle=signal,
+                torque=np.pad(output, ((0, 0), (samples, samples))),
+                recorded_angle=None,
+                channels={},
+                context=samples,
+            )
 
         def step(turn: Turn) -> Turn:
             joint = moved(angle, torque - turn.details[1])
@@ -117,7 +122,9 @@ class AlternatingCascade(Method):
     def _reflex(self, joint: Ensemble) -> Array:
         """Return the weights (time, lag) of a reflex whose drive moves a joint without another."""
         rate = joint.sampling_rate
-        return np.asarray(self._one_path(joint.context / rate).fit(joint).impulse_response / rate)
+        model = self._one_path(joint.context / rate).fit(joint)
+        assert isinstance(model, ImpulseResponseModel)
+        return model.impulse_response / rate
 
 
 @attrs.frozen

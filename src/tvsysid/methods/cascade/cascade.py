@@ -304,7 +304,7 @@ def _details(selection: Selection) -> dict[str, float]:
         details["direction"] = float(DIRECTIONS[name])
     else:
         del details["threshold"]
-    torques = used.regression.torques(used.posterior.mean)
+    torques = used.torques(used.posterior.mean)
     details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, torques, strict=True)))
     return details | {"vaf_held_out": 100 * used.share()}
 
@@ -338,7 +338,7 @@ def _warnings(
             "take the difference as an uncertainty, and viscosity and inertia as those of that fit"
         )
     unlimited = attrs.evolve(fit, positive=None).posterior
-    square = fit.regression.moments.square
+    square = fit.moments.square
     yield from contradicted((fit.posterior.left - unlimited.left) / square)
     assert gain.standard_error is not None
     if not details["constant"] and 1.96 * np.nanmax(gain.standard_error.values) > np.ptp(

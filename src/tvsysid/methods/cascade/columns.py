@@ -250,7 +250,7 @@ class Data:
                 inverse = inverse - np.outer(weight, weight) / weight.sum()
             if true is not None:
                 inverse = inverse @ _matrix(true, stop - start) @ inverse
-            windows.append((slice(start, stop), inverse))
+            windows.append((slice(start, stop), np.asarray(inverse)))
         return windows
 
     @cached_property

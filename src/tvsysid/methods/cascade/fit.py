@@ -46,17 +46,37 @@ SMALLEST_STEP = 0.02  # in standard deviations of the prior
 
 
 @attrs.frozen(eq=False)
-class Regression:
-    """Columns of both pathways for a ``shape`` of the reflex.
+class Fit:
+    """Posterior of the coefficients of both pathways, for a shape and hyperparameters.
 
-    ``drive`` returns the rows (realization, history + time) that drive the reflex for a threshold,
-    as deviations from their mean over realizations; 0 where nothing was recorded. It is None
-    without a reflex.
+    Parameters
+    ----------
+    data
+        Torque and intrinsic signals.
+    drive
+        Function that returns what drives the reflex for a threshold, as deviations from the mean
+        over realizations, shape (realization, history + time); 0 where nothing was recorded. It is
+        None without a reflex.
+    shape
+        Shape of the reflex.
+    free
+        Numbers of the shape that are estimated.
+    parameters
+        Hyperparameters; by default those of greatest evidence.
+    positive
+        The products of the coefficients with each row are not negative, shape (row, column).
     """
 
     data: Data
     drive: Callable[[float], Array] | None
     shape: Array
+    free: list[int]
+    parameters: Array = attrs.field()
+    positive: Array | None = None
+
+    @parameters.default
+    def _tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
+        return self.prior.tuned(self.moments, start)
 
     def reflex(self, coefficients: Array) -> Array:
         """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
@@ -78,8 +98,8 @@ class Regression:
         torque = np.einsum("ts,srt->rt", data.over_time(own)[data.times], data.signals)
         return deviations(torque), deviations(self.reflex(gain[:, None]).sum(axis=0))
 
-    def residual(self, coefficients: Array) -> Array:
-        """Return the residual torque (realization, time)."""
+    def left(self, coefficients: Array) -> Array:
+        """Return the torque (realization, time) that coefficients leave."""
         return np.asarray(self.data.torque - np.sum(self.torques(coefficients), axis=0))
 
     @cached_property
@@ -102,64 +122,28 @@ class Regression:
         """Return the prior of the coefficients."""
         return Prior.of(np.diff([*self.data.starts, self.data.own, len(self.moments.cross)]))
 
-
-@attrs.frozen(eq=False)
-class Fit:
-    """Posterior of the coefficients for a regression and hyperparameters.
-
-    Parameters
-    ----------
-    regression
-        Columns of both pathways.
-    free
-        Numbers of the reflex's shape that are estimated.
-    parameters
-        Hyperparameters; by default those of greatest evidence.
-    positive
-        The products of the coefficients with each row are not negative, shape (row, column).
-    """
-
-    regression: Regression
-    free: list[int]
-    parameters: Array = attrs.field()
-    positive: Array | None = None
-
-    @parameters.default
-    def _tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
-        return self.regression.prior.tuned(self.regression.moments, start)
-
-    @property
-    def data(self) -> Data:
-        """Return torque and intrinsic signals."""
-        return self.regression.data
-
-    @property
-    def shape(self) -> Array:
-        """Return the shape of the reflex."""
-        return self.regression.shape
-
     @cached_property
     def spread(self) -> Array:
         """Return the prior standard deviations of the coefficients relative to the noise."""
-        return self.regression.prior.spread(self.regression.moments, self.parameters)
+        return self.prior.spread(self.moments, self.parameters)
 
     @cached_property
     def posterior(self) -> Posterior:
         """Return the posterior of the coefficients."""
-        return ridge(self.regression.moments, self.spread, self.positive)
+        return ridge(self.moments, self.spread, self.positive)
 
     @cached_property
     def objective(self) -> float:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
         shape = ((self.shape - MEAN) / SPREAD)[self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
-        square = self.regression.moments.square
+        square = self.moments.square
         return log_evidence(self.posterior, square) - 0.5 * float(squares)
 
     @property
     def residual(self) -> Array:
         """Return the residual torque (realization, time)."""
-        return self.regression.residual(self.posterior.mean)
+        return self.left(self.posterior.mean)
 
     @cached_property
     def held_out(self) -> Array:
@@ -170,9 +154,9 @@ class Fit:
         data, left = self.data, np.full_like(self.data.torque, np.nan)
         for fold, rows in enumerate(data.folds[: len(data.folds) * (len(data.folds) > 1)]):
             share = 1 - len(left[rows]) / len(left)
-            others = moments_of(np.delete(self.regression.products, fold, 0), share * data.number)
+            others = moments_of(np.delete(self.products, fold, 0), share * data.number)
             mean = ridge(others, self.spread, self.positive).mean
-            left[rows] = self.regression.residual(mean)[rows]
+            left[rows] = self.left(mean)[rows]
         return left
 
     def share(self) -> float:
@@ -183,14 +167,14 @@ class Fit:
         """Return the fit with other free numbers of the shape, kept within their bounds."""
         shape = self.shape.copy()
         shape[self.free] = np.clip(values, LOWEST[self.free], HIGHEST[self.free])
-        return attrs.evolve(self, regression=attrs.evolve(self.regression, shape=shape))
+        return attrs.evolve(self, shape=shape)
 
     def slopes(self) -> Array:
         """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
         coefficients, slopes = self.posterior.mean[self.data.own :, None], []
         numbers = self.shape[self.free]
         for step in np.diag(STEP[self.free]):
-            ends = [self.with_shape(numbers + each).regression for each in (-step, step)]
+            ends = [self.with_shape(numbers + each) for each in (-step, step)]
             change = ends[1].reflex(coefficients) - ends[0].reflex(coefficients)
             slopes.append(change[0] / np.sum(ends[1].shape - ends[0].shape))
         return np.array(slopes).reshape(-1, *self.data.torque.shape)
@@ -200,7 +184,7 @@ class Fit:
 
         With the noise's ``true`` autocorrelation they are those of the sandwich covariance.
         """
-        further = np.concatenate([self.regression.columns, self.slopes()])
+        further = np.concatenate([self.columns, self.slopes()])
         return moments_of(self.data.products(further, true), self.data.number)
 
     @property

@@ -23,7 +23,6 @@ from tvsysid.methods.cascade.fit import (
     THRESHOLD,
     USUAL_PARAMETERS,
     Fit,
-    Regression,
 )
 from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
 from tvsysid.methods.cascade.reflex_test import (
@@ -113,9 +112,10 @@ class Search:
 
         return past
 
-    def regression(self, name: str, data: Data, shape: Array) -> Regression:
-        """Return the regression with the named reflex."""
-        return Regression(data, None if name == "none" else partial(self._past, name), shape)
+    def _fit(self, name: str, data: Data, shape: Array, free: list[int], **settings: Array) -> Fit:
+        """Return the fit with the named reflex."""
+        drive = None if name == "none" else partial(self._past, name)
+        return Fit(data, drive, shape, free, **settings)
 
     @property
     def _delays(self) -> tuple[float, ...]:
@@ -127,12 +127,9 @@ class Search:
         thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
         free = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
         free += [DELAY] * (self.delay == "fit")
+        free = [] if name == "none" else free
         fits = [
-            Fit(
-                self.regression(name, self.data.constant, _shape(*each)),
-                [] if name == "none" else free,
-                USUAL_PARAMETERS,
-            )
+            self._fit(name, self.data.constant, _shape(*each), free, parameters=USUAL_PARAMETERS)
             for each in product(self._delays, FREQUENCIES, thresholds)
         ]
         return _best(fits).improved()
@@ -149,11 +146,10 @@ class Search:
 
         def solved(data: Data) -> dict[str, Fit]:
             return {
-                name: Fit(self.regression(name, data, each.shape), each.free)
-                for name, each in begun.items()
+                name: self._fit(name, data, each.shape, each.free) for name, each in begun.items()
             }
 
-        left = Fit(self.regression(likely, self.data, begun[likely].shape), []).residual
+        left = self._fit(likely, self.data, begun[likely].shape, []).residual
         data = attrs.evolve(self.data, noise=autocorrelation(left))
         fits = solved(data)
         if data.varies:
@@ -166,7 +162,7 @@ class Search:
         if len(data.torque) < MIN_TESTED_REALIZATIONS:
             return fits
         data = attrs.evolve(data, noise=autocorrelation(left, WHITE_FLOOR))
-        white = attrs.evolve(best, regression=attrs.evolve(best.regression, data=data)).share()
+        white = attrs.evolve(best, data=data).share()
         is_misfit = white - best.share() > MAX_MISFIT * (1 - white)
         return solved(data) if is_misfit else fits
 
@@ -198,7 +194,7 @@ class Search:
 
     def unshown(self, name: str, none: Fit) -> Selection:
         """Return the fit without a reflex, and one with a usual reflex, whose gain it bounds."""
-        fit = Fit(self.regression(name, none.data, _shape(self._delays[0])), [])
+        fit = self._fit(name, none.data, _shape(self._delays[0]), [])
         return Selection(self, name, False, self.limited(fit), self.limited(none))
 
     def limited(self, fit: Fit) -> Fit:
@@ -227,7 +223,7 @@ def _refined(fit: Fit) -> Fit:
         return best
     others = [number for number in best.free if number != THRESHOLD]
     shape = np.where(np.arange(4) == THRESHOLD, 0.0, best.shape)
-    simple = Fit(attrs.evolve(best.regression, shape=shape), others).refined()
+    simple = Fit(best.data, best.drive, shape, others).refined()
     simple = attrs.evolve(simple, free=best.free)
     return best if _is_better(best, simple) else simple
 

@@ -1,7 +1,6 @@
 """What tests share: simulated ensembles, and where the real recordings are."""
 
 import gc
-import multiprocessing
 import os
 import shlex
 import shutil
@@ -9,7 +8,7 @@ import signal
 import sys
 import tempfile
 import time
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,10 +38,6 @@ if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 2 * 2**30:
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", MEMORY)
     os.environ.setdefault("TMPDIR", MEMORY)
     tempfile.tempdir = None  # it may have been asked for already
-
-# What processes of studies, experiments and commands use.
-PRELOADED = ["tvsysid.check", "tvsysid.simulate", "tvsysid.figures", "matplotlib.figure"]
-PRELOADED += ["tvsysid.study", "xarray", "pandas", "h5netcdf"]
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
@@ -104,30 +99,6 @@ def _signals():
     kept = signal.getsignal(signal.SIGTERM)
     yield
     signal.signal(signal.SIGTERM, kept)
-
-
-@pytest.fixture(scope="session")
-def forking():
-    """Return a multiprocessing context whose processes begin with the package imported.
-
-    The processes are forks of one server, where the system supports it.
-    """
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
-    return context
-
-
-def fork_workers():
-    """In a process that `forking` has made: its workers are forks of itself, which start at once.
-
-    As fresh interpreters they end when they are told to, where the command line that they are
-    forks of cleans up."""
-    if sys.platform == "linux":
-        os.register_at_fork(after_in_child=partial(signal.signal, signal.SIGTERM, signal.SIG_DFL))
-        context = multiprocessing.get_context("fork")
-        multiprocessing.get_context = lambda method=None: context
 
 
 @pytest.fixture

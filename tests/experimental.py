@@ -81,30 +81,24 @@ def results_of(
     late = np.array([LATE * (signal == "prbs") for _, signal in recordings])
     counts = [count for count, *_ in STEPS.values()]
     nothing = np.full_like(torque, np.nan)
+    cell, every = ("recording", "analysis", "bootstrap"), np.ones(sizes[0], dtype=int)
     return xr.Dataset(
         {
-            "estimate": (
-                ("recording", "analysis", "bootstrap", "quantity", "time"),
-                stiffness[..., None, :],
-            ),
-            "time_varying_vaf": (
-                ("recording", "analysis", "bootstrap", "time"),
-                varying,
-                {"units": "%"},
-            ),
-            "vaf": (("recording", "analysis", "bootstrap"), whole, {"units": "%"}),
-            "bandpassed_vaf": (("recording", "analysis", "bootstrap"), whole - 4.0, {"units": "%"}),
-            "seconds": (("recording", "analysis", "bootstrap"), seconds),
-            "warnings": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], "", object)),
-            "failure": (("recording", "analysis", "bootstrap"), np.full(sizes[:3], "", object)),
+            "estimate": ((*cell, "quantity", "time"), stiffness[..., None, :]),
+            "time_varying_vaf": ((*cell, "time"), varying),
+            "vaf": (cell, whole),
+            "bandpassed_vaf": (cell, whole - 4.0),
+            "seconds": (cell, seconds),
+            "warnings": (cell, np.full(sizes[:3], "", object)),
+            "failure": (cell, np.full(sizes[:3], "", object)),
             "target_torque": (("recording", "time"), 1.05 * torque if target else nothing),
             "mean_torque": (("recording", "time"), torque),
             "truth": (("recording", "quantity", "time"), (true if truth else nothing)[:, None]),
-            "recorded": ("recording", np.full(sizes[0], 300)),
+            "recorded": ("recording", 300 * every),
             "survivors": ("recording", 300 - sum(counts) - late),
             "excluded_alignment": ("recording", counts[0] + late),
-            "excluded_task": ("recording", np.full(sizes[0], counts[1])),
-            "excluded_residual": ("recording", np.full(sizes[0], counts[2])),
+            "excluded_task": ("recording", counts[1] * every),
+            "excluded_residual": ("recording", counts[2] * every),
             "remarks": ("recording", np.full(sizes[0], "", dtype=object)),
         },
         coords={
@@ -127,7 +121,6 @@ def results_of(
                 }
             ),
             "versions": json.dumps({"tvsysid": "0.1.0", "numpy": "2.3.1", "python": "3.12.3"}),
-            "machine": "Linux x86_64, 2 cores",
         },
     )  # fmt: skip
 
@@ -141,25 +134,12 @@ def _bumps(time, period):
 
 def fail(results, reason, recording=None, analysis=None):
     """Results in which analyses failed: one, all of a recording, or one of every recording."""
-    at = {
-        name: label
-        for name, label in (("recording", recording), ("analysis", analysis))
-        if label is not None
-    }
-    for name in ("estimate", "time_varying_vaf", "vaf", "bandpassed_vaf", "seconds"):
-        results[name].loc[at] = np.nan
+    place = {"recording": recording, "analysis": analysis}
+    at = {name: label for name, label in place.items() if label is not None}
+    for values in results.values():
+        if {*at} <= {*values.dims} and values.dtype.kind in "if":
+            values.loc[at] = 0 if values.dims == ("recording",) else np.nan
     results["failure"].loc[at] = reason
-    if analysis is None:
-        for name in ("target_torque", "mean_torque", "truth"):
-            results[name].loc[at] = np.nan
-        for name in (
-            "recorded",
-            "survivors",
-            "excluded_alignment",
-            "excluded_task",
-            "excluded_residual",
-        ):
-            results[name].loc[at] = 0
     return results
 
 

@@ -104,7 +104,7 @@ def test_seeds_differ_by_scenario_and_trial_and_pair_viscosities():
         ({"perturbation": ["white"]}, "unknown perturbation 'white'; expected one of noise, prbs"),
         ({"methods": ["arx"]}, "unknown method 'arx'"),
         ({"methods": [3]}, "or a tvsysid.Method"),
-        ({"viscosity": ["high"]}, "viscosity must be one of constant, covarying, got 'high'"),
+        ({"viscosity": ["high"]}, "viscosity must be one of 'constant', 'covarying', got 'high'"),
         ({"trials": 0}, "trials must be a whole number of 1 or more, got 0"),
         ({"seed": -1}, "seed must be a whole number of 0 or more, got -1"),
         ({"duration_s": [float("nan")]}, "duration_s must be a positive number, got nan"),

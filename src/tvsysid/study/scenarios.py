@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import attrs
 import numpy as np
@@ -29,6 +29,7 @@ from tvsysid.validators import (
     at_least,
     boolean,
     is_number,
+    one_of,
     positive,
     settings_of,
     to_float,
@@ -48,7 +49,7 @@ PARTS: dict[str, tuple[Mapping[str, object], str]] = {
 decibels = Validator(
     "a number of decibels, or inf for no noise", lambda value: is_number(value) or value == math.inf
 )
-viscosity = Validator(f"one of {', '.join(VISCOSITIES)}", lambda value: value in VISCOSITIES)
+viscosity = one_of(Literal["constant", "covarying"])
 
 
 class Scenario(NamedTuple):

@@ -3,25 +3,14 @@
 import attrs
 import numpy as np
 import pytest
+from tests.reflexive import reflexive
 
 import tvsysid as tv
 from tvsysid.methods.cascade.reflex_test import changes, reflex_test_of
 
-REFLEX = tv.simulate.StretchReflex
 
-
-def judged(recording, period=2.0, context=0.5):
-    """Test of a recording at 1 kHz, decimated and cut."""
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, context)
+def judged(ensemble):
     return reflex_test_of(tv.preprocess.subtract_mean(ensemble))
-
-
-def recorded(gain, duration=40.0, perturbation="noise", direction=1, seed=1, profile=None):
-    system = tv.simulate.ReflexJoint(
-        profile or tv.simulate.SineWave(), reflex_gain=gain, reflex=REFLEX(direction=direction)
-    )
-    kind = tv.simulate.PERTURBATIONS[perturbation]
-    return system.simulate(duration, perturbation=kind, snr_db=10, seed=seed).recording
 
 
 @pytest.mark.parametrize(
@@ -38,7 +27,8 @@ def recorded(gain, duration=40.0, perturbation="noise", direction=1, seed=1, pro
 def test_a_reflex_is_shown_with_its_direction_and_stiffness(
     gain, duration, perturbation, direction
 ):
-    test = judged(recorded(gain, duration, perturbation, direction))
+    settings = {"gain": gain, "perturbation": perturbation, "direction": direction}
+    test = judged(reflexive(duration, seed=1, **settings)[0])
     assert test.shown == (gain > 0)
     if gain:
         assert test.direction == direction
@@ -47,9 +37,11 @@ def test_a_reflex_is_shown_with_its_direction_and_stiffness(
 
 
 def test_a_linear_late_answer_is_no_reflex():
-    stretched = recorded(8.0)
-    released = REFLEX(direction=-1).torque(np.gradient(stretched.angle, 1e-3), 8.0, 1000.0)
-    test = judged(attrs.evolve(stretched, torque=stretched.torque + released))
+    stretched, released = (
+        reflexive(40.0, gain=8.0, seed=1, direction=direction)[0] for direction in (1, -1)
+    )
+    torque = stretched.torque + released.channels["reflex"]
+    test = judged(attrs.evolve(stretched, torque=torque))
     assert test.over_none < 1e-6
     assert not test.shown
 
@@ -60,22 +52,22 @@ def test_a_linear_late_answer_is_no_reflex():
 )
 @pytest.mark.parametrize("context", [0.0, 0.5])
 def test_real_ankles_in_contraction_have_a_reflex(recordings, record, low, high, context):
-    test = judged(*recordings[record], context)
+    recording, period = recordings[record]
+    test = judged(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, context))
     assert (test.shown, test.direction) == (True, 1)
     assert low < test.stiffness[1] < high < test.stiffness[0]
 
 
 @pytest.mark.parametrize("gain", [0.0, 4.0])
-@pytest.mark.parametrize("profile", [tv.simulate.SineWave(), tv.simulate.Constant(100.0)])
-def test_a_joint_that_changes_is_told_from_one_that_does_not(gain, profile):
-    recording = recorded(gain, perturbation="prbs", profile=profile)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
-    assert changes(ensemble) == isinstance(profile, tv.simulate.SineWave)
+@pytest.mark.parametrize("stiffness", ["sine", "constant"])
+def test_a_joint_that_changes_is_told_from_one_that_does_not(gain, stiffness):
+    ensemble = reflexive(40.0, stiffness=stiffness, gain=gain, perturbation="prbs", seed=1)[0]
+    assert changes(ensemble) == (stiffness == "sine")
 
 
 def test_a_reflex_is_found_under_slow_voluntary_torque():
-    recording = recorded(8.0, 60.0, seed=3)
-    slow = np.sin(2 * np.pi * 0.21 * np.arange(len(recording.torque)) / 1000)
-    torque = recording.torque + 3 * recording.torque.std() * slow
-    test = judged(attrs.evolve(recording, torque=torque))
+    ensemble = reflexive(60.0, gain=8.0, seed=3)[0]
+    time = np.arange(ensemble.torque.size).reshape(ensemble.torque.shape) / 100
+    slow = 3 * ensemble.torque.std() * np.sin(2 * np.pi * 0.21 * time)
+    test = judged(attrs.evolve(ensemble, torque=ensemble.torque + slow))
     assert (test.shown, test.direction) == (True, 1)

@@ -33,15 +33,13 @@ class Settings:
         Raises
         ------
         InputError
-            For a file that is missing or no TOML, or a wrong study. It names the file and the key.
+            For a file that is no TOML, or a wrong study. It names the file and the key.
         """
         try:
             table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
             if "folder" in attrs.fields_dict(cls):
                 table = {"folder": str(Path(path).resolve().parent)} | table
             return from_table(cls, table).replaced(**settings)
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror}; give a TOML file") from error
         except ValueError as error:
             raise InputError(f"{path}: {error}") from error
 

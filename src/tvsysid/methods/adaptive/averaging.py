@@ -36,8 +36,8 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
 
 MAX_MODELS = 32  # number of models in the mixture
-MIN_WEIGHT = 0.002  # smallest weight of a model, and probability of a position, in the mixture
-MAX_COMPONENTS = 24  # positions of a switch in the mixture, for a model that has all the weight
+MIN_WEIGHT = 0.002  # smallest weight of a model in the mixture
+MAX_COMPONENTS = 48  # positions of a switch in the mixture, for a model that has all the weight
 MAX_OFFSET = 0.26  # samples between switches up to which two sets of switches are the same
 SMEAR_SPACING = 1 / 4  # samples between positions where smears are compared
 MAX_LOSS = 3.0  # of log evidence against the usual low-pass, up to which another smear is averaged
@@ -114,30 +114,17 @@ def components(model: CurveModel, weight: float, best: OverTime) -> Array:
         return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
     apart = np.abs(axis.offset(np.arange(axis.times)[:, None], own))
     nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_COMPONENTS * weight))
-    out = np.empty((3, axis.times, count))
-    for index, place in enumerate(model.places):
+    out, shares = np.empty((3, axis.times, count)), (np.arange(count) + 0.5) / count
+    for index, (window, probabilities) in enumerate(model.places):
         rows, positions = nearest == index, np.tile(own, (count, 1))
-        positions[:, index], shares = thinned(*place, count)
+        # Each position stands for the same share of the probability.
+        positions[:, index] = window[np.searchsorted(np.cumsum(probabilities)[:-1], shares)]
         moved = OverTime.of(model, positions)
-        out[0, rows] = weight * shares
+        out[0, rows] = weight / count
         out[1:, rows] = moved.means[rows], moved.variances[rows]
     if axis.jitter:
         out[2] += axis.jitter_variance(own) @ best.sizes.T**2
     return out
-
-
-def thinned(window: Array, probabilities: Array, count: int) -> tuple[Array, Array]:
-    """Return so many positions and their weights; each represents an equal share of probability.
-
-    Positions with a weight of 0 fill up the number.
-    """
-    kept = probabilities > MIN_WEIGHT
-    window, weights = window[kept], probabilities[kept] / probabilities[kept].sum()
-    bins = np.minimum((np.cumsum(weights) - weights / 2) * count, count - 1).astype(int)
-    rising = np.argsort(weights)
-    best = np.full(count, rising[-1])
-    best[bins[rising]] = rising  # the last one of a bin, which is the most probable, is kept
-    return window[best], np.bincount(bins, weights, count).astype(np.float64)
 
 
 @attrs.frozen(eq=False)

@@ -28,7 +28,7 @@ LENGTHS = np.geomspace(0.002, 30.0, 12)  # candidates of l1, from which the sear
 WHOLE_RANGE = (LENGTHS[0], LENGTHS[-1])
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
 START = 1e3  # initial power of the torque that each coefficient makes, in noise variances
-MAX_RISE = 15.0  # largest rise of log prior variances in a climb
+MAX_DROP, MAX_RISE = 50.0, 15.0  # largest change of log prior variances in a climb
 # coefficients above which a decay is not tried, and the given settings are not compared
 MAX_COEFFICIENTS = 2000
 # decrease of the log noise variance from the start at which the data are too few to show any noise
@@ -102,13 +102,10 @@ class Likelihood:
         by_length = float(found.by_variances @ slopes[harmonic[counts]])
         return found.log_evidence, np.array([by_length, *by_gamma, found.by_noise])
 
-    def climb(self, start: Settings, lengths: tuple[float, float], rise: float) -> Settings:
-        """Climb to the highest likelihood near a start, with l1 between two ``lengths``.
-
-        ``rise`` is the largest rise of log prior variances; 0 keeps them constant.
-        """
+    def climb(self, start: Settings, lengths: tuple[float, float]) -> Settings:
+        """Climb to the highest likelihood near a start, with l1 between two ``lengths``."""
         low, high = start.theta - MAX_FALL, start.theta + MAX_FALL
-        low[1:4], high[1:4] = start.theta[1:4] - (50.0 if rise else 0.0), start.theta[1:4] + rise
+        low[1:4], high[1:4] = start.theta[1:4] - MAX_DROP, start.theta[1:4] + MAX_RISE
         low[0], high[0] = np.log(lengths)
         # Subtracting a likelihood keeps the stopping rule independent of the torque's unit.
         usual = -0.5 * self.moments.number * start.theta[4]
@@ -155,34 +152,36 @@ class Search:
         # Each coefficient makes a torque 1000 times the noise.
         loose = np.log([1.0, *(START * self.noise / powers), self.noise])
         start = Settings(ENDLESS, loose, "no decay")
-        found = [strict.climb(start, (length, length), MAX_RISE) for length in LENGTHS]
-        best = strict.climb(max(found, key=_value), WHOLE_RANGE, MAX_RISE)
-        kept = math.exp(given.theta[0])
-        as_given = self._climb(given, (kept, kept), 0.0) or given
+        found = [strict.climb(start, (length, length)) for length in LENGTHS]
+        best = strict.climb(max(found, key=_value), WHOLE_RANGE)
+        likelihood = self._likelihood(given)
+        as_given = given
+        if likelihood is not None:
+            as_given = attrs.evolve(given, value=likelihood(given.theta)[0])
         return [as_given, *found, best, *self._decays(best, kernel)]
 
     def _decays(self, best: Settings, kernel: Kernel) -> Iterator[Settings]:
         """Yield the best settings for shorter and shorter decays, while the likelihood may rise."""
         for decay in np.array(DECAYS) * kernel.span:
-            trial = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
-            found = self._climb(trial, WHOLE_RANGE, MAX_RISE)
-            if found is None:
+            start = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
+            likelihood = self._likelihood(start)
+            if likelihood is None:
                 return
+            found = likelihood.climb(start, WHOLE_RANGE)
             yield found
             if decay < 4 * kernel.period or found.value < best.value - MAX_LOSS:
                 return
             best = max(best, found, key=_value)
 
-    def _climb(self, start: Settings, lengths: tuple[float, float], rise: float) -> Settings | None:
-        """Return the best settings near a start with its decay; None if they are too many."""
+    def _likelihood(self, start: Settings) -> Likelihood | None:
+        """Return the likelihood of the features for settings; None if they are too many."""
         try:
             kernel = kernel_over(self.ensemble, math.exp(start.theta[0]), start.decay)
-            if 3 * kernel.columns > MAX_COEFFICIENTS:
-                return None
-            likelihood = Likelihood.of(self.ensemble, kernel, self.band, self.share)
-            return likelihood.climb(start, lengths, rise)
         except InputError:
             return None
+        if 3 * kernel.columns > MAX_COEFFICIENTS:
+            return None
+        return Likelihood.of(self.ensemble, kernel, self.band, self.share)
 
 
 def evidence_of(tried: Sequence[Settings], method: object, scale: float) -> Evidence:

@@ -148,7 +148,8 @@ class BasisIRF(shared.ByReference):
             sampling_rate=rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(over_time, errors),
-            posterior=posterior,
+            coefficients=posterior.mean,
+            covariance=posterior.covariance,
             labels=(*names, "inertia"),
             diagnostics=diagnostics,
         )

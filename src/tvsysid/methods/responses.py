@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import attrs
 import numpy as np
 from numpy.typing import NDArray
@@ -72,40 +70,17 @@ class FrequencyResponseModel(Model):
         return variables, {"frequency": (("frequency",), self.frequencies)}
 
 
-class Posterior(Protocol):
-    """Posterior of coefficients."""
-
-    @property
-    def mean(self) -> Array:
-        """Return the mean of the coefficients, shape (coefficient,)."""
-        ...  # pragma: no cover
-
-    @property
-    def covariance(self) -> Array:
-        """Return the covariance of the coefficients, shape (coefficient, coefficient)."""
-        ...  # pragma: no cover
-
-
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class SecondOrderModel(Model):
     """Stiffness, viscosity and inertia that are sums of known functions of time.
 
-    ``posterior`` is that of the coefficients, and ``labels`` name the function that each of them
-    multiplies.
+    ``coefficients`` (coefficient,) is their posterior mean, and ``covariance`` that of the
+    posterior. ``labels`` name the function that each coefficient multiplies.
     """
 
-    posterior: Posterior
+    coefficients: Array = attrs.field(converter=read_only)
+    covariance: Array = attrs.field(converter=read_only)
     labels: tuple[str, ...]
-
-    @property
-    def coefficients(self) -> Array:
-        """Return the posterior mean of the coefficients, shape (coefficient,)."""
-        return read_only(self.posterior.mean)
-
-    @property
-    def covariance(self) -> Array:
-        """Return the posterior covariance of the coefficients, shape (coefficient, coefficient)."""
-        return read_only(self.posterior.covariance)
 
     def _identified(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {

@@ -182,7 +182,7 @@ class BasisIRF(shared.ByReference):
             functions = np.column_stack([functions, np.ones(len(functions))])
             chosen = np.pad(chosen, ((0, 0), (0, 1)))
             chosen[2] = ~chosen[2]
-        return Columns(functions, chosen)
+        return Columns(functions, *np.nonzero(chosen))
 
     def _posterior(
         self, signals: Signals, columns: Columns, ensemble: Ensemble, share: float = 1.0
@@ -191,9 +191,9 @@ class BasisIRF(shared.ByReference):
 
         Signals of unit RMS have the prior.
         """
-        scale = 1 / np.repeat(signals.rms, columns.chosen.sum(axis=1))
+        scale = 1 / signals.rms[columns.signal]
         units = np.outer(scale, scale)
-        cross = (signals.cross.T @ columns.functions)[columns.chosen] * scale
+        cross = np.sum(signals.cross[:, columns.signal] * columns.factors, axis=0) * scale
         gram = columns.gram(signals.gram) * units
         moments = shared.Moments(gram, cross, float(signals.square.sum()), len(signals.square))
         found = shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
@@ -216,8 +216,8 @@ class BasisIRF(shared.ByReference):
         freedom = left.size * shared.independent_realizations(moved) / len(moved) - effective
         stronger = (left.size - effective) / max(freedom, 1.0)
         return shared.posterior_errors(
-            [columns.functions] * 3,
-            [*columns.covariances(posterior.covariance, readout)],
+            columns.factors * readout[:, None, columns.signal],
+            posterior.covariance,
             freedom,
             moved.samples,
             stronger * factors,
@@ -275,36 +275,28 @@ class Signals(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Columns of the regression: signals times functions of time.
+    """Columns of the regression: signals times functions of time (time, function).
 
-    ``functions`` has shape (time, function), ``chosen`` (signal, function) says which signal is
-    multiplied by which function.
+    ``signal`` and ``function`` (column,) say which signal is multiplied by which function.
     """
 
     functions: Array
-    chosen: NDArray[np.bool_]
+    signal: NDArray[np.int64]
+    function: NDArray[np.int64]
+
+    @property
+    def factors(self) -> Array:
+        """Return the function of time of each column, shape (time, column)."""
+        return self.functions[:, self.function]
 
     def gram(self, products: Array) -> Array:
         """Return the Gram matrix from products of signals at each time (time, signal, signal)."""
-        chosen = self.chosen.ravel()
-        return expanded(products, self.functions)[np.ix_(chosen, chosen)]
+        place = self.signal * self.functions.shape[1] + self.function
+        return expanded(products, self.functions)[np.ix_(place, place)]
 
     def weights(self, coefficients: Array) -> Array:
         """Return the weight of each signal over time, shape (time, signal)."""
-        table = np.zeros(self.chosen.shape)
-        table[self.chosen] = coefficients
-        return self.functions @ table.T
-
-    def covariances(self, covariance: Array, readout: Array) -> Array:
-        """Return the covariances (quantity, function, function) of sums of signals' coefficients.
-
-        ``readout`` has shape (quantity, signal).
-        """
-        chosen, (signals, functions) = self.chosen.ravel(), self.chosen.shape
-        table = np.zeros((chosen.size, chosen.size))
-        table[np.ix_(chosen, chosen)] = covariance
-        mixed = np.tensordot(readout, table.reshape(signals, functions, signals, functions), 1)
-        return np.asarray(np.einsum("mjbk,mb->mjk", mixed, readout))
+        return (self.factors * coefficients) @ np.eye(self.signal[-1] + 1)[self.signal]
 
 
 def _instrumental(

@@ -110,7 +110,7 @@ class SkirtDecomposition(base.Method):
         samples = ensemble.samples
         expansions = block_diag(skirts.features, skirts.features, np.ones((samples, 1)))
         expansions = expansions.reshape(3, samples, -1)
-        errors = shared.posterior_errors(expansions, [covariance] * 3, skirts.freedom, samples)
+        errors = shared.posterior_errors(expansions, covariance, skirts.freedom, samples)
         return Model(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,

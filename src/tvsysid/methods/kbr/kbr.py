@@ -183,10 +183,10 @@ class KernelRegression(shared.ByReference):
             factors *= coloured / max(power_in_band(noise, low, high), LEAST_POWER)
         times = times_of(ensemble, kernel)
         features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
-        blocks = posterior.covariance.reshape(3, kernel.columns, 3, kernel.columns)
+        known = features[missing : ensemble.samples - missing]
         errors = shared.posterior_errors(
-            [features[missing : ensemble.samples - missing]] * 3,
-            [blocks[number, :, number] for number in range(3)],
+            np.einsum("qp,tj->qtpj", np.eye(3), known).reshape(3, len(known), -1),
+            posterior.covariance,
             max(1.0, 2 * left.size * (high - low) - posterior.effective),
             ensemble.samples,
             factors,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from tvsysid.methods.base import missing_edge, padded
-from tvsysid.models import IMPEDANCE, StandardError
+from tvsysid.methods.shared.estimates import standard_errors
+from tvsysid.models import StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_matrices
@@ -159,8 +158,8 @@ def colour_lags(ensemble: Ensemble) -> int:
 
 
 def posterior_errors(
-    expansions: Sequence[Array],
-    covariances: Sequence[Array],
+    expansions: Array,
+    covariance: Array,
     freedom: float,
     times: int,
     factors: Array | float = 1.0,
@@ -169,25 +168,20 @@ def posterior_errors(
 
     Parameters
     ----------
-    expansions, covariances
-        Functions of time (time, function) of stiffness, viscosity and inertia; covariances of
-        their coefficients.
+    expansions
+        What the coefficients are multiplied by to give stiffness, viscosity and inertia over time,
+        shape (3, time, coefficient).
+    covariance
+        Covariance (coefficient, coefficient) of the coefficients.
     freedom
         Degrees of freedom.
     times
         Number of times of a realization. The errors are NaN at the times of either end that the
-        functions lack.
+        expansions lack.
     factors
         Factors of the variances, one or (quantity,).
     """
-    errors = {}
-    factors = np.broadcast_to(factors, len(expansions))
-    parts = zip(IMPEDANCE, factors, expansions, covariances, strict=True)
-    for name, factor, expansion, covariance in parts:
-        variance = factor * np.einsum(
-            "tj,jk,tk->t", expansion, covariance, expansion, optimize=True
-        )
-        values = padded(np.sqrt(np.maximum(variance, 0.0)), (times - len(expansion)) // 2)
-        arc = arc_length(expansion, covariance)
-        errors[name] = StandardError(values, np.array(freedom), arc)
-    return errors
+    variances = np.einsum("qtj,qtj->tq", expansions @ covariance, expansions)
+    values = np.sqrt(np.maximum(factors * variances, 0.0))
+    arcs = [arc_length(each, covariance) for each in expansions]
+    return standard_errors(padded(values, (times - len(values)) // 2), freedom, arcs)

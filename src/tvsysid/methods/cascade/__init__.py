@@ -1,1 +1,1 @@
-"""Fit both pathways jointly: cascade.py holds the method, result.py holds its model."""
+"""Fit both pathways jointly: cascade.py holds the method and its model."""

@@ -92,7 +92,7 @@ def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
 def test_the_python_shown_finds_the_same(found, recording):
     spoilt = faults.gapped(faults.humming(recording), count=2)
     without_file = outcome(Settings(spoilt, cutting=CUTTING, method="esm"))
-    assert (without_file.prepared.mains, len(without_file.notes)) == (50.0, 2)
+    assert len(without_file.notes) == 2
     assert without_file.settings.command == ""
     for each in (found, without_file):
         names: dict = {"recording": spoilt}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from tvsysid.comparison.held_out import held_out_vaf
 from tvsysid.methods import Evidence, Method
-from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.methods.base import Kind
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import IMPEDANCE, OVER_TIME, Model
@@ -68,17 +67,6 @@ class Comparison:
     held_out: Mapping[str, Array] | None = None
     unnamed_references: tuple[str, ...] = ()
 
-    @property
-    def bands(self) -> dict[str, dict[str, Array]]:
-        """95 % bands by label and quantity over time: lower and upper limit, shape (2, time).
-
-        NaN where a method states none.
-        """
-        return {
-            label: {name: model.limits(name) for name in _over_time(model)}
-            for label, model in self.models.items()
-        }
-
     @cached_property
     def vaf(self) -> dict[str, Array]:
         """Variance accounted for in each realization in %, by label, shape (realization,).
@@ -110,14 +98,8 @@ class Comparison:
     @cached_property
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the channels that the methods use."""
-        models, inputs = self.models.values(), self.inputs
-        found = recommend(
-            self.ensemble,
-            inputs.get("reference"),
-            inputs.get("scheduling"),
-            model=next((each for each in models if isinstance(each, AdaptiveModel)), None),
-            diagnosis=self.diagnosis,
-        )
+        channels = (self.inputs.get(kind) for kind in ("reference", "scheduling"))
+        found = recommend(self.ensemble, *channels, diagnosis=self.diagnosis)
         unnamed = (*self.unnamed_references, *found.unnamed_references)
         return attrs.evolve(found, unnamed_references=unnamed)
 
@@ -137,8 +119,7 @@ class Comparison:
         return plot(self, title)
 
     def _repr_html_(self) -> str:
-        lines = [*repr(self).splitlines(), *map(": ".join, {**self.skipped, **self.failed}.items())]
-        text = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+        text = "".join(f"<p>{html.escape(line)}</p>" for line in repr(self).splitlines())
         return text + self.summary().to_html(index=False)
 
     def summary(self) -> pd.DataFrame:
@@ -174,6 +155,8 @@ class Comparison:
 
         It has every quantity over time with its 95 % band, and the time-varying VAF.
         """
+        import pandas as pd  # noqa: PLC0415  # heavy
+
         tables: list[dict[str, Any]] = []
         for label, model in self.models.items():
             table: dict[str, Any] = {"time_s": model.time, "method": label}
@@ -183,14 +166,16 @@ class Comparison:
                 table |= {name: values, f"{name}_lower": lower, f"{name}_upper": upper}
             table["time_varying_vaf"] = self.time_varying_vaf.get(label, np.nan)
             tables.append(table)
-        return _joined(tables)
+        return pd.concat(map(pd.DataFrame, tables), ignore_index=True)
 
     def over_variables(self) -> pd.DataFrame:
         """Return a table with a row for each method, quantity and value of a measured variable.
 
         It has the estimates with their 95 % bands.
         """
-        return _joined(
+        import pandas as pd  # noqa: PLC0415  # heavy
+
+        tables = (
             {
                 "method": label,
                 "variable": variable,
@@ -205,6 +190,7 @@ class Comparison:
             for name, estimate in model.estimates.items()
             if estimate.axes == (variable,)
         )
+        return pd.concat([pd.DataFrame(), *map(pd.DataFrame, tables)], ignore_index=True)
 
     def held_out_vaf(
         self, folds: int = FOLDS, *, progress: Progress = no_progress
@@ -267,13 +253,6 @@ class Comparison:
         {'eirf': 84, 'sds': 92}
         """
         return held_out_vaf(self.ensemble, self.methods, self.models, folds, progress)
-
-
-def _joined(tables: Iterable[dict[str, Any]]) -> pd.DataFrame:
-    """Concatenate tables, each given by its columns."""
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    return pd.concat([pd.DataFrame(), *map(pd.DataFrame, tables)], ignore_index=True)
 
 
 def _over_time(model: Model) -> list[str]:

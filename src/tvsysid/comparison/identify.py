@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 
 from tvsysid.comparison.comparison import Comparison
-from tvsysid.errors import DataQualityWarning, InputError, describe_error
+from tvsysid.errors import InputError, describe_error
 from tvsysid.methods import Evidence, Method, Tuned, expand, label_of, parse
 from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import Model
@@ -49,7 +48,7 @@ def compare(
     Warns
     -----
     DataQualityWarning
-        For warnings of the methods, and for a method that states standard errors but has no band.
+        For warnings of the methods.
 
     Examples
     --------
@@ -93,7 +92,6 @@ def compare(
                 failed[label] = describe_error(error)
             else:
                 models[label] = model
-                _warn_without_band(label, model)
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
     return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
@@ -105,11 +103,3 @@ def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:
     found = models.get("adaptive")
     key = "cascade" if found is None or "reflex_gain" in found.estimates else "sds"
     yield key, parse(key)
-
-
-def _warn_without_band(label: str, model: Model) -> None:
-    """Warn if a method states standard errors but has none for this stiffness."""
-    stiffness = model.estimates.get("stiffness")
-    error = stiffness and stiffness.standard_error
-    if error and error.absent:
-        warnings.warn(f"{label}: no band: {error.absent}", DataQualityWarning, stacklevel=3)

@@ -15,7 +15,8 @@ from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
-from tvsysid.recommendation.answer import LOOP, WRONG
+from tvsysid.recommendation.answer import LOOP
+from tvsysid.recommendation.method import WRONG
 from tvsysid.recordings.reading import Segmentation
 from tvsysid.signals import Array, Ensemble, Recording
 
@@ -39,12 +40,8 @@ class PreparedRecording:
         What was corrected, for the methods paragraph.
     notes
         The same, and a delay, with numbers and in sentences.
-    mains
-        Frequency in Hz of the mains hum that was subtracted; 0 for none.
     centered
         Channels that lost their mean.
-    searched
-        Diagnosis of ``diagnosed``, if one was made in search of a delay and none was corrected.
     """
 
     ensemble: Ensemble
@@ -52,16 +49,13 @@ class PreparedRecording:
     findings: tuple[Finding, ...] = ()
     corrections: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    mains: float = 0.0
     centered: tuple[str, ...] = ()
-    searched: Diagnosis | None = None
 
     def diagnose(self, reference: str | None = None) -> Diagnosis | str:
         """Diagnose the data as they are identified; return why not if they are too short."""
-        found = None if reference else self.searched
+        repeats = self.diagnosed is self.ensemble
         try:
-            repeats = self.diagnosed is self.ensemble
-            found = found or diagnose(self.diagnosed, reference, repeats=repeats)
+            found = diagnose(self.diagnosed, reference, repeats=repeats)
         except InputError as error:
             return str(error).removeprefix("diagnose: ")
         return attrs.evolve(found, checks=(*found.checks, *self.findings))
@@ -101,7 +95,6 @@ def prepare_recording(
         notes.append(f"{findings.pop(fault).what}; {correction}")
 
     gaps = preprocess.find_gaps(recording) if period else ()
-    mains = 0.0
     if remove_mains and findings["mains"].found:
         mains, _ = preprocess.find_mains(recording)
         recording = preprocess.remove_mains(recording, mains)
@@ -132,22 +125,18 @@ def prepare_recording(
             note("gaps", f"realizations with gaps were left out ({lost})")
         else:
             del findings["gaps"]
-    delay, diagnosis = 0.0, None
+    delay = 0.0
     if align_channels:
         with suppress(InputError):  # realizations are too few, or too short
-            diagnosis = diagnose(diagnosed(0.0))
-    if diagnosis is not None:
-        delay, decision = delay_to_correct(ensemble, diagnosis)
-        notes += filter(None, [decision])
+            delay, decision = delay_to_correct(ensemble, diagnose(diagnosed(0.0)))
+            notes += filter(None, [decision])
     return PreparedRecording(
         ensemble(delay),
         diagnosed(delay),
         tuple(findings.values()),
         tuple(corrections),
         tuple(notes),
-        mains,
         names,
-        None if delay else diagnosis,
     )
 
 

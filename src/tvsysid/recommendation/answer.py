@@ -21,7 +21,7 @@ from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis, Finding
-from tvsysid.recommendation.method import MIN_INFORMATION, RECORD_REFERENCE, Recommendation
+from tvsysid.recommendation.method import MIN_INFORMATION, RECORD_REFERENCE, WRONG, Recommendation
 from tvsysid.signals import Array, Ensemble
 
 LEVEL = 1.96  # standard deviations within which 95 % of methods would lie
@@ -29,9 +29,7 @@ MAX_NEGATIVE_PERCENT = 2.5  # of the time: a 95 % band lies below the truth this
 MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 MAX_REASONS = 3
-# Faults that make every method's stiffness wrong, the cause of others first, and those that do so
-# without a reference.
-WRONG = ("same-channel", "torque-unit", "angle-unit", "reversed-torque", "wrong-period")
+# Faults that make every method without a reference wrong.
 LOOP = ("loop-bias", "feedback")
 # Faults that make the stiffness doubtful, the worst first.
 DOUBTFUL = (
@@ -147,7 +145,9 @@ class Answer:
 
     def _bands(self) -> str:
         band, spread = self.half_band, self.difference
-        noise = f"95 % band ± {band:.1f}" if math.isfinite(band) else "without a band"
+        error = self.model.estimates["stiffness"].standard_error
+        why = f" ({error.absent})" if error and error.absent else ""
+        noise = f"95 % band ± {band:.1f}" if math.isfinite(band) else f"without a band{why}"
         return f"{noise}; methods differ by ± {spread:.1f}" if math.isfinite(spread) else noise
 
     def __repr__(self) -> str:

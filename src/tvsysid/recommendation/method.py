@@ -13,10 +13,7 @@ import attrs
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import METHODS, KernelRegression, from_text, key_of, parse
-from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
-from tvsysid.methods.adaptive.model import AdaptiveModel
 from tvsysid.methods.base import Method, reason_to_skip
-from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis, diagnose, find_reference
@@ -24,14 +21,14 @@ from tvsysid.quality.fit import lowered
 from tvsysid.signals import Ensemble
 
 BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # whose noise is compared
-MIN_SWITCH_PROBABILITY = 0.95
 SLOW_NOISE_DB, STRONG_NOISE_DB = 10.0, 3.0  # power ratio; signal-to-noise ratio
 BIAS_PERCENT = 10.0  # of the stiffness, by noise
 MIN_INFORMATION = 2.0  # realizations at a signal-to-noise ratio of 0 dB
 CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
 LOWER = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise_bias:.0f}} % lower"
 RECORD_REFERENCE = "Record the disturbance or the actuator's command"
-BY_REFERENCE = ("kbr:reference={reference},weighting=residual", "birf:reference={reference}")
+# Faults that make every method's stiffness wrong, the cause of others first.
+WRONG = ("same-channel", "torque-unit", "angle-unit", "reversed-torque", "wrong-period")
 
 
 @attrs.frozen
@@ -44,17 +41,20 @@ class Measured:
     scheduling: str | None = None
     information: float = math.nan  # realizations at a signal-to-noise ratio of 0 dB
     signal_to_noise: float = math.nan  # dB
-    mean_stiffness: float = math.nan  # N·m/rad
     slow_noise: float = math.nan  # dB, power density below 5 Hz over that at 8 to 25 Hz
     noise_bias: float = math.nan  # %, by which stiffness rises if noisy frequencies weigh less
     loop_bias: float = math.nan  # %, of the stiffness
-    switches: int = 0
     faults: frozenset[str] = frozenset()
 
     @property
     def is_slow(self) -> bool:
         """Whether the torque's noise is slow."""
         return self.slow_noise > SLOW_NOISE_DB
+
+    @property
+    def has_feedback(self) -> bool:
+        """Whether noise in the torque moves the angle."""
+        return "feedback" in self.faults
 
     @property
     def is_loud(self) -> bool:
@@ -87,10 +87,10 @@ RULES = (
         "the joint follows {scheduling!r}, which was recorded and differs between realizations",
     ),
     Rule(
-        lambda data: "wrong-period" in data.faults,
+        lambda data: bool(data.faults.intersection(WRONG)),
         (),
-        "the movement does not repeat every {duration:g} s, so every method averages changes of "
-        "stiffness out. Cut with the true period (--period), if there is one",
+        "the data have a fault that makes every method's stiffness wrong. tv.diagnose(ensemble) "
+        "(tvsysid inspect --diagnose) names it, and says what to do",
     ),
     Rule(
         lambda data: data.information < MIN_INFORMATION,
@@ -99,33 +99,23 @@ RULES = (
         "{information:.1f} realizations at 0 dB). Perturb more, or record more",
     ),
     Rule(
-        lambda data: data.loop_bias > 5 and data.is_slow,
-        (f"{BY_REFERENCE[0]},tuned=true", *BY_REFERENCE),
-        f"{CLOSED_LOOP}, but not {{reference!r}}. The noise is slow, and frequencies with little "
-        "noise have more weight",
-    ),
-    Rule(
-        lambda data: data.loop_bias > 5,
-        (f"{BY_REFERENCE[1]},tuned=true", BY_REFERENCE[1], "kbr:reference={reference}"),
+        lambda data: data.loop_bias > 5 and not data.is_slow,
+        ("birf:reference={reference},tuned=true", "kbr:reference={reference}"),
         f"{CLOSED_LOOP}, but not {{reference!r}}",
     ),
     Rule(
-        lambda data: "feedback" in data.faults and data.reference is not None,
-        BY_REFERENCE,
-        f"{CLOSED_LOOP}, but not {{reference!r}}",
+        lambda data: data.loop_bias > 5 or (data.has_feedback and data.reference is not None),
+        (
+            "kbr:reference={reference},weighting=residual,tuned=true",
+            "kbr:reference={reference},weighting=residual",
+            "birf:reference={reference}",
+        ),
+        f"{CLOSED_LOOP}, but not {{reference!r}}; frequencies with little noise have more weight",
     ),
     Rule(
-        lambda data: "feedback" in data.faults,
+        lambda data: data.has_feedback,
         (),
         f"{CLOSED_LOOP}, which biases every method, and no reference is named. {RECORD_REFERENCE}",
-    ),
-    Rule(
-        lambda data: data.mean_stiffness < 0,
-        (),
-        "stiffness is negative ({mean_stiffness:.0f} N·m/rad). If the actuator imposes the angle, "
-        "the torque's sign is reversed: read it with --torque-sign -1 (in Python torque_sign=-1), "
-        "or, if you already do, without. If the actuator is compliant, noise moves the angle more "
-        "than the perturbation does: record the actuator's command",
     ),
     Rule(  # before the rules on noise bias: stiffness with a reflex depends on frequency, too
         lambda data: "reflex" in data.faults,
@@ -141,12 +131,6 @@ RULES = (
         lambda data: data.is_biased,
         ("kbr:weighting=residual",),
         f"{LOWER}. Frequencies with little noise have the most weight",
-    ),
-    Rule(
-        lambda data: data.is_slow and data.realizations > 3 and not data.switches,
-        ("kbr:weighting=residual,tuned=true", "adaptive"),
-        "the torque's noise is slow, and frequencies with little noise have more weight; stiffness "
-        "does not switch",
     ),
     Rule(
         lambda data: data.realizations < 4,
@@ -219,7 +203,6 @@ def recommend(
     reference: str | None = None,
     scheduling: str | None = None,
     *,
-    model: Model | None = None,
     diagnosis: Diagnosis | str | None = None,
 ) -> Recommendation:
     """Recommend a method for an ensemble by measured properties of the data.
@@ -236,8 +219,6 @@ def recommend(
         not be imposed.
     scheduling
         Channel with a variable that the joint follows and that differs between realizations.
-    model
-        Model of this ensemble by ``adaptive``, if there is one.
     diagnosis
         Diagnosis of this ensemble with the same reference, or why there is none, if known.
 
@@ -274,7 +255,7 @@ def recommend(
         except InputError as error:  # a single realization, or too short
             diagnosis = str(error).removeprefix("diagnose: ")
         if isinstance(diagnosis, Diagnosis) and scheduling is None:
-            measured = measure(measured, lowered(ensemble), diagnosis, model)
+            measured = measure(measured, lowered(ensemble), diagnosis)
             others = ensemble.channels.keys() - {reference}
             unnamed = tuple(find_unnamed_references(ensemble, others))
     rule = next(rule for rule in RULES if rule.holds(measured))
@@ -295,9 +276,7 @@ def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iter
             )
 
 
-def measure(
-    known: Measured, ensemble: Ensemble, diagnosis: Diagnosis, model: Model | None
-) -> Measured:
+def measure(known: Measured, ensemble: Ensemble, diagnosis: Diagnosis) -> Measured:
     """Add to the ``known`` properties what the diagnosis and fits to the ensemble tell."""
     findings = {each.name: each for each in diagnosis.checks}
     ratio, loop = diagnosis.measures["signal-to-noise ratio"][0], findings.get("loop-bias")
@@ -305,7 +284,6 @@ def measure(
         known,
         information=len(ensemble) * 10 ** (ratio / 10),
         signal_to_noise=ratio,
-        mean_stiffness=diagnosis.measures["mean stiffness"][0],
         slow_noise=_slow_noise(diagnosis),
         loop_bias=abs(loop.value) if loop and loop.beyond else math.nan,
         faults=frozenset(each.name for each in diagnosis.findings),
@@ -319,13 +297,7 @@ def measure(
         )
         scale = max(abs(weighted), abs(plain), math.ulp(0.0))
         measured = attrs.evolve(measured, noise_bias=100 * (weighted - plain) / scale)
-        model = model or AdaptiveRegression().identify(ensemble)
-    switches = [
-        each
-        for each in (model.switches if isinstance(model, AdaptiveModel) else ())
-        if each.quantity == "stiffness" and each.probability > MIN_SWITCH_PROBABILITY
-    ]
-    return attrs.evolve(measured, switches=len(switches))
+    return measured
 
 
 def _slow_noise(diagnosis: Diagnosis) -> float:

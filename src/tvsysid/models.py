@@ -26,7 +26,8 @@ from tvsysid.signals import Array, Ensemble
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 # Quantities of a joint of second order: factors of the angle and of its first two derivatives.
 IMPEDANCE = ("stiffness", "viscosity", "inertia")
@@ -382,11 +383,15 @@ class Model:
             f"parameters){warned}"
         )
 
-    def plot(self, title: str = "") -> Figure:
-        """Draw the estimates over time."""
-        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above models
+    def plot(self, title: str = "", ax: Axes | None = None) -> Figure | SubFigure:
+        """Draw the estimates over time, or, if ``ax`` is given, the stiffness into these axes."""
+        from tvsysid.figures import draw_quantity, plot  # noqa: PLC0415  # figures stand above
 
-        return plot(self, title)
+        if ax is None:
+            return plot(self, title)
+        draw_quantity(ax, "stiffness", {self.method: self})
+        ax.set_title(title)
+        return ax.figure
 
     def to_xarray(self, ensemble: Ensemble | None = None) -> xr.Dataset:
         """Return all results as an xarray.Dataset, with units as attributes.

@@ -3,6 +3,7 @@
 import attrs
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
@@ -133,3 +134,10 @@ def test_likely_switches_are_marked():
         for switch in model.switches
     ]
     assert len(labels) == 2
+
+
+def test_a_model_draws_its_stiffness_into_axes_that_are_given(drawn):
+    model, axes = drawn[0]["kbr"], Figure().add_subplot()
+    assert model.plot("before training", ax=axes) is axes.figure
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), model.stiffness)
+    assert axes.get_title() == "before training"

@@ -1,6 +1,7 @@
 # What the package offers; read by type checkers, and by lazy_loader when a name is first used.
 from .diagnosis import diagnosis_illustration as diagnosis_illustration
 from .diagnosis import diagnosis_panels as diagnosis_panels
+from .identification import draw_quantity as draw_quantity
 from .identification import identified_impedance as identified_impedance
 from .identification import identified_quantity as identified_quantity
 from .identification import scheduled_estimates as scheduled_estimates

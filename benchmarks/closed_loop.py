@@ -43,6 +43,8 @@ METHODS = {
     "birf": tv.BasisIRF(),
     "kbr": tv.KernelRegression(),
     "kbr residual": tv.KernelRegression(weighting="residual"),
+    "sds reference": tv.ShortDataSegments(reference=REFERENCE),
+    "esm reference": tv.EnsembleSpectral(stiffness="fit", reference=REFERENCE),
     "birf reference": tv.BasisIRF(reference=REFERENCE),
     "kbr reference": tv.KernelRegression(reference=REFERENCE),
     "kbr reference, residual": tv.KernelRegression(reference=REFERENCE, weighting="residual"),

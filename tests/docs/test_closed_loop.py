@@ -22,5 +22,5 @@ def test_the_example_mends_what_the_loop_biases(capsys):
 
 def test_the_methods_of_the_table_take_a_reference():
     words = re.findall(r"^\| `(\w+:[\w=,]*reference=NAME[\w=,]*)`", TEXT, re.MULTILINE)
-    assert {word.partition(":")[0] for word in words} == {"kbr", "birf"}
+    assert {word.partition(":")[0] for word in words} == {"kbr", "birf", "esm", "sds"}
     assert all(tv.methods.parse(word).inputs[0].kind == "reference" for word in words)

@@ -9,7 +9,7 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods import describe, from_text, label_of, load, parse, to_text
+from tvsysid.methods import describe, expand, from_text, label_of, load, parse, to_text
 from tvsysid.numerics.bases import CubicBSplines
 
 MODULE = '''
@@ -87,6 +87,17 @@ def folder(tmp_path, monkeypatch):
     yield tmp_path
     for name in [name for name in sys.modules if name.endswith("_for_tests")]:
         del sys.modules[name]
+
+
+def test_an_installed_package_names_its_methods(folder):
+    info = folder / "mypackage-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mypackage\nVersion: 1.0\n")
+    points = "fit = mine_for_tests:Fit\nsds = mine_for_tests:Fit\n"
+    (info / "entry_points.txt").write_text(f"[tvsysid.methods]\n{points}")
+    assert parse("fit:window=2").window == 2.0
+    assert isinstance(parse("sds"), tv.ShortDataSegments)  # the package's own key comes first
+    assert expand(["all"])[-1] == "fit"
 
 
 @pytest.mark.usefixtures("folder")
@@ -200,7 +211,7 @@ def test_what_is_typed_makes_the_same_method(method):
 def test_description():
     sds = describe("sds")
     assert sds.title == "Short data segments"
-    assert sds.settings == ("max_lag = 0.12", "window = 0.1")
+    assert sds.settings == ("max_lag = 0.12", "window = 0.1", "reference = None")
     mine = describe("mine_for_tests:Fit")
     assert (mine.title, mine.assumptions) == ("My fit", ("All is well.",))
     assert describe("mine_for_tests:Plain") == (

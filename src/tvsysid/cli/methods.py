@@ -8,9 +8,10 @@ from tvsysid.cli.console import say, show_table
 def methods() -> None:
     """List the methods by their purpose, with needs, results, assumptions and settings."""
     from tvsysid.methods import CLOSED_LOOP, METHODS, describe
+    from tvsysid.methods.registry import installed
 
     groups: dict[str, list[dict[str, str]]] = {}
-    for key in (*METHODS, *CLOSED_LOOP):
+    for key in (*METHODS, *CLOSED_LOOP, *installed()):
         method = describe(key)
         details = {
             "needs": "; ".join(method.needs),

@@ -122,7 +122,6 @@ class Method(ABC):
         super().__init_subclass__(**keywords)
         cls.key = vars(cls).get("key", cls.__name__.lower())
         cls.title = vars(cls).get("title", cls.__name__)
-        cls.can_be_tuned = cls._evidence is not Method._evidence
 
     def __repr__(self) -> str:
         return type(self).__name__

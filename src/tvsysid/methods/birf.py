@@ -93,6 +93,7 @@ class BasisIRF(shared.ByReference):
 
     key = "birf"
     title = "Basis impulse response function"
+    can_be_tuned = True
     assumptions = (
         "Behaviour is the same in all realizations.",
         "Its change over time is a sum of the basis functions chosen; faster changes are missed.",

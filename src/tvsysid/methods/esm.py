@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.errors import InputError
 from tvsysid.methods import shared
-from tvsysid.methods.base import Method, check_window, missing_edge, padded, whole_samples
+from tvsysid.methods.base import check_window, missing_edge, padded, whole_samples
 from tvsysid.methods.responses import FrequencyResponseModel
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.bands import mean_of
@@ -20,7 +20,7 @@ from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.second_order import derivative_filters, second_order_fit
 from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import one_of, positive
+from tvsysid.validators import one_of, optional, positive, text
 
 Stiffness = Literal["dc", "fit"]
 
@@ -33,7 +33,7 @@ TINY = float(np.finfo(np.float64).tiny)  # keeps the response finite where there
 
 
 @attrs.frozen
-class EnsembleSpectral(Method):
+class EnsembleSpectral(shared.ByReference):
     r"""Estimate a frequency response at each time, from spectra averaged over realizations.
 
     .. math:: H(f, t) = \frac{\overline{S_{yu}(f, t)}}{\overline{S_{uu}(f, t)}}
@@ -52,6 +52,9 @@ class EnsembleSpectral(Method):
         the random error covers; by half near a lightly damped resonance, which a warning says.
         ``"fit"``: from the second-order fit that viscosity and inertia always come from; it has no
         such bias, and 40 % (filtered noise) to 75 % (PRBS) of the random error.
+    reference
+        Channel that moves the joint from outside, for a joint in closed loop, as of
+        :class:`ShortDataSegments`. Stiffness must then be ``"fit"``.
 
     Notes
     -----
@@ -72,6 +75,7 @@ class EnsembleSpectral(Method):
 
     window: float = attrs.field(default=0.30, validator=positive)
     stiffness: Stiffness = attrs.field(default="dc", validator=one_of(Stiffness))
+    reference: str | None = attrs.field(default=None, validator=optional(text))
 
     key = "esm"
     title = "Ensemble spectral method"
@@ -86,8 +90,11 @@ class EnsembleSpectral(Method):
     )
     cites = ("vanderuit2021",)
 
-    def fit(self, ensemble: Ensemble) -> FrequencyResponseModel:
-        """Return the model of an ensemble."""
+    def __attrs_post_init__(self) -> None:
+        if self.reference is not None and self.stiffness != "fit":
+            raise InputError("EnsembleSpectral: with a reference, stiffness must be 'fit'")
+
+    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> FrequencyResponseModel:
         length, rate = whole_samples(self.window, ensemble), ensemble.sampling_rate
         if length < 4:
             raise InputError(
@@ -100,14 +107,18 @@ class EnsembleSpectral(Method):
         within = slice(
             ensemble.core.start + missing[0] - before, ensemble.core.stop - missing[1] + after
         )
-        angle, torque = ensemble.angle[:, within], ensemble.torque[:, within]
+        angle, torque = moved.angle[:, within], moved.torque[:, within]
         spectra = short_time_spectra(angle, torque, length)
         response = spectra.yu / np.maximum(spectra.uu, TINY)
-        fit = SegmentFit.of(ensemble, hann(length) ** 2, within)
+        fit = SegmentFit.of(moved, hann(length) ** 2, within)
         impedance = padded(fit.impedance, *missing)
         left, first = shared.second_order_residual(ensemble, impedance)
-        details = {"second_order_agreement": shared.residual_agreement(ensemble, left, first)}
-        variances, freedom = fit.variances(ensemble, left), np.full(3, fit.freedom)
+        details = {"second_order_agreement": shared.residual_agreement(moved, left, first)}
+        variances, freedom = fit.variances(moved, left), np.full(3, fit.freedom)
+        if self.reference is not None:
+            # The part of the angle that noise moves is explained too, and is no noise.
+            apart, _ = shared.second_order_residual(moved, impedance)
+            variances *= np.sum(left**2) / np.sum(apart**2)
         warned, absent = "", ""
         if self.stiffness == "dc":
             at_rest, independent = response[:, 0].real, shared.independent_realizations(ensemble)

@@ -1,4 +1,4 @@
-"""Find methods by name: the package's own, and ``module:Class``.
+"""Find methods by name: the package's own, those of installed packages, and ``module:Class``.
 
 User-defined systems, profiles, perturbations and scenarios are found in the same way.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Container, Iterable, Mapping
+from importlib.metadata import entry_points
 from operator import attrgetter
 from typing import Any
 
@@ -53,6 +54,8 @@ METHODS: dict[str, type[Method]] = {
 PAPER_METHODS = ("eirf", "sds", "birf", "esm", "kbr")  # compared by van de Ruit et al. 2021
 STUDIED_METHODS = (*PAPER_METHODS, "adaptive")  # of a study, by default
 CLOSED_LOOP = (  # for a joint in closed loop; the channel "disturbance" holds the reference
+    "sds:reference=disturbance",
+    "esm:stiffness=fit,reference=disturbance",
     "birf:reference=disturbance",
     "kbr:reference=disturbance,weighting=residual",
 )
@@ -62,12 +65,18 @@ ATTRIBUTES = {"system": "simulate", "profile": "__call__", "perturbation": "gene
 
 def expand(methods: Iterable[Any]) -> list[Any]:
     """Return methods, with those of a group in its place: ``"published"`` or ``"all"``."""
-    groups = {"published": PAPER_METHODS, "all": METHODS}
+    groups = {"published": PAPER_METHODS, "all": (*METHODS, *installed())}
     return [
         method
         for item in methods
         for method in (groups.get(item, (item,)) if isinstance(item, str) else (item,))
     ]
+
+
+def installed() -> dict[str, str]:
+    """Return ``module:Class`` of the methods of installed packages, by their keys."""
+    points = entry_points(group="tvsysid.methods")
+    return {point.name: point.value for point in points if point.name not in METHODS}
 
 
 def parse(text: str) -> Method:
@@ -114,6 +123,7 @@ def from_text(text: str, kind: str, known: Mapping[str, object] | None = None) -
     """
     known = METHODS if known is None else known
     key, rest = _split(text, known)
+    key = installed().get(key, key) if kind == "method" else key
     if key not in known and ":" not in key:
         raise InputError(
             f"unknown {kind} {key!r}; expected one of {', '.join(known)}, or your own as "

@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import attrs
+import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import shared
-from tvsysid.methods.base import Method, fitting_lags, whole_samples
+from tvsysid.methods.base import fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.signals import Ensemble
-from tvsysid.validators import positive
+from tvsysid.validators import optional, positive, text
 
 # Independent samples that a band needs. With fewer, 95 % bands covered the truth in 78 to 90 %.
 MIN_SAMPLES_PER_LAG = 3
 
 
 @attrs.frozen
-class ShortDataSegments(Method):
+class ShortDataSegments(shared.ByReference):
     r"""Estimate a two-sided impulse response at each time, across realizations and a short window.
 
     .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2}
@@ -35,6 +36,9 @@ class ShortDataSegments(Method):
     window
         Time N Δt over which the joint is assumed constant, in s. An instantaneous change is spread
         over the window: the rise from 10 to 90 % takes 80 % of it.
+    reference
+        Channel that moves the joint from outside, for a joint in closed loop. The angle that it
+        predicts takes the place of the angle (:mod:`tvsysid.methods.shared.instrument`).
 
     Notes
     -----
@@ -51,6 +55,7 @@ class ShortDataSegments(Method):
 
     max_lag: float = attrs.field(default=0.12, validator=positive)
     window: float = attrs.field(default=0.10, validator=positive)
+    reference: str | None = attrs.field(default=None, validator=optional(text))
 
     key = "sds"
     title = "Short data segments"
@@ -65,8 +70,7 @@ class ShortDataSegments(Method):
     )
     cites = ("ludvig2012", "vanderuit2021")
 
-    def fit(self, ensemble: Ensemble) -> ImpulseResponseModel:
-        """Return the model of an ensemble."""
+    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
         half = whole_samples(self.window / 2, ensemble)
         if 2 * half + 1 > ensemble.samples:
@@ -74,9 +78,15 @@ class ShortDataSegments(Method):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
                 f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
-        windows = shared.solve_windows(ensemble, lags, half)
+        windows = shared.solve_windows(moved, lags, half)
         needed = MIN_SAMPLES_PER_LAG * (2 * lags + 1)
-        return shared.window_model(ensemble, windows, half, needed)
+        if self.reference is not None:
+            # The part of the angle that noise moves is explained too, and is no noise.
+            left, apart = (
+                np.sum(shared.residual(each, windows.weights) ** 2) for each in (ensemble, moved)
+            )
+            windows = windows._replace(noise=windows.noise * left / apart)
+        return shared.window_model(moved, windows, half, needed)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

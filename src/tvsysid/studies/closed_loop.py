@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 OPEN = ("sds", "esm:stiffness=fit", "birf", "kbr", "kbr:weighting=residual")
 UNWEIGHTED = "kbr:reference=disturbance"
 WHITE, WEIGHTED = OPEN[3:]
-BIRF, BEST = CLOSED_LOOP
+*_, BIRF, BEST = CLOSED_LOOP
 ACTUATORS = (30.0, 100.0, 300.0, 1000.0)  # N·m/rad
 IMPOSED = 1e5  # N·m/rad, so stiff that the loop counts as open
 SNR = {2.0: 5.0, 5.0: 5.0, 40.0: 10.0}  # dB, by the cut-off of the noise in Hz

@@ -129,6 +129,7 @@ class KernelRegression(shared.ByReference):
     key = "kbr"
     contiguous = True
     title = "Kernel-based regression"
+    can_be_tuned = True
     assumptions = (
         "Stiffness, viscosity and inertia change smoothly and nearly periodically, as the kernel "
         "says.",

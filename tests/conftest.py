@@ -133,12 +133,8 @@ def tvsysid(monkeypatch, capsys, tmp_path):
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
     paper = "tvsysid.studies.van_de_ruit_2021"
-    for name in (
-        "simulations.study_figures",
-        "folder.experiment_figures",
-        "folder.participant_figures",
-    ):
-        monkeypatch.setattr(f"{paper}.{name}", lambda *given: {})
+    for module in ("tvsysid.studies.published_study", f"{paper}.folder"):
+        monkeypatch.setattr(f"{module}.draw_all", lambda *given: {})
     monkeypatch.setattr(f"{paper}.folder.write_diagnosis", lambda *given: None)
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)

@@ -1,10 +1,9 @@
-"""Results, summary, exclusions and excerpts of an experiment, made up with a known structure."""
+"""Results, summary and prepared recordings of an experiment, made up with a known structure."""
 
 import json
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from tests.synthetic import claims  # noqa: F401  # those of either study
 
@@ -22,12 +21,8 @@ METHODS = {
 AMOUNTS = (75, 150)
 FEW = (20, 40)
 SIGNALS = ("noise", "prbs")
-STEPS = {
-    "alignment": (2, 0.31, 0.25, "s"),
-    "task component": (7, 3.4, 3.0, "SD"),
-    "residual": (31, 3.6, 3.0, "SD"),
-}
-"""Realizations that each step excludes, how far out the first of them is, and the limit."""
+STEPS = (2, 7, 31)
+"""Realizations that each step excludes."""
 LATE = 20
 """Further realizations that a PRBS makes come late."""
 RATE = 128.0
@@ -79,7 +74,7 @@ def results_of(
             )
             seconds[place, column] = cost
     late = np.array([LATE * (signal == "prbs") for _, signal in recordings])
-    counts = [count for count, *_ in STEPS.values()]
+    counts = STEPS
     nothing = np.full_like(torque, np.nan)
     cell, every = ("recording", "analysis", "bootstrap"), np.ones(sizes[0], dtype=int)
     return xr.Dataset(
@@ -143,46 +138,32 @@ def fail(results, reason, recording=None, analysis=None):
     return results
 
 
-def exclusions_of(results):
-    """One row for each realization recorded."""
-    tables = []
-    for label in results.recording.values:
-        cell = results.sel(recording=label)
-        counts = [int(cell[f"excluded_{name}"]) for name in ("alignment", "task", "residual")]
-        excluded = np.repeat([*STEPS, ""], [*counts, int(cell.recorded) - sum(counts)])
-        numbers = np.arange(len(excluded))
-        columns = {name: cell[name].item() for name in ("recording", "participant", "perturbation")}
-        columns |= {"realization": numbers, "trial": numbers // 30, "onset_s": 2.0 * (numbers % 30)}
-        columns |= {"shift_s": np.where(excluded == "alignment", 0.31, 0.05)}
-        table = pd.DataFrame({**columns, "excluded_by": excluded})
-        limits = [STEPS.get(step, (0, np.nan, np.nan, ""))[1:] for step in excluded]
-        tables.append(table.join(pd.DataFrame(limits, columns=["reached", "limit", "unit"])))
-    return pd.concat(tables, ignore_index=True)
-
-
-def excerpts_of(results, target=True, rate=1024.0):
-    """Ten seconds of each recording; a target in every second sample of a sine."""
+def prepared_of(results, preparation=None, rate=1024.0):
+    """What figures show of recordings: ten seconds with a target, and how they were prepared."""
     random = np.random.default_rng(5)
     time = np.arange(round(10 * rate)) / rate
     wave = 15 - 10 * np.cos(np.pi * time)
-    return {
-        str(label): tv.Recording(
-            0.009 * random.standard_normal(len(time)),
-            wave + random.standard_normal(len(time)),
-            rate,
-            start=20.0,
-            channels={"target": wave} if target else {},
+    return [
+        SimpleNamespace(
+            recorded=SimpleNamespace(label=label, participant=person, perturbation=signal),
+            ensemble="some",
+            excerpt=tv.Recording(
+                0.009 * random.standard_normal(len(time)),
+                wave + random.standard_normal(len(time)),
+                rate,
+                start=20.0,
+                channels={"target": wave},
+            ),
+            preparation=preparation,
         )
-        for label in results.recording.values
-    }
+        for label, person, signal in zip(
+            *(results[name].values for name in ("recording", "participant", "perturbation")),
+            strict=True,
+        )
+    ]
 
 
 def experiment_of(**words):
-    """Everything of a study: results, summary, exclusions, excerpts."""
+    """Results and summary."""
     results = results_of(**words)
-    return SimpleNamespace(
-        results=results,
-        summary=summary_of(results),
-        exclusions=exclusions_of(results),
-        excerpts=excerpts_of(results),
-    )
+    return SimpleNamespace(results=results, summary=summary_of(results))

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from tests.synthetic import responses_of, results_of, summary_of
+from tests.synthetic import results_of, summary_of
 
 from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 from tvsysid.study import Study, run
@@ -46,9 +46,6 @@ def test_every_variable_of_the_store_is_named():
 @pytest.mark.slow
 def test_every_kind_of_figure_is_named():
     results = results_of()
-    kinds = {
-        stem.partition("-")[0]
-        for stem in study_figures(results, summary_of(results), responses_of())
-    }
-    kinds |= {"pathways", "bias"}  # of tests.studies.test_literature
+    kinds = {stem.partition("-")[0] for stem in study_figures(results, summary_of(results))}
+    kinds |= {"bias"}  # of tests.studies.test_literature
     assert {name.partition("-")[0] for name in quoted(SECTIONS["figures/"])} == kinds

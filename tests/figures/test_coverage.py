@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 from tests.drawing import draw
-from tests.synthetic import SQUARE, TIME, fail, results_of, summary_of
+from tests.synthetic import TIME, fail, results_of
 
 from tvsysid.figures import coverage_over_time
-from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 
 LABEL = "square-noise-150s-10dB"
 
@@ -58,15 +57,3 @@ def test_no_line_without_bands_and_trials_without_one_do_not_count(made):
     assert np.isnan(shown["esm"][:50]).all()
     np.testing.assert_allclose(shown["esm"][50:98], 100)
     np.testing.assert_allclose(shares(fail(made, "kbr", 3, "no such luck"))["kbr"], 100)
-
-
-def test_what_is_told_below_it(made):
-    told = study_figures(made, summary_of(made))["coverage-square"]
-    assert told.title == "Square-wave stiffness: how often the bands hold the truth, 150 s"
-    assert "about a switch bands miss the truth." in told.description
-
-
-def test_a_study_whose_methods_have_no_bands_has_no_such_figure():
-    results = results_of(SQUARE[:2], ("sds",), trials=2)
-    results.covered[1] = np.nan  # in the scenario that would be shown, but not in the other
-    assert "coverage-square" not in study_figures(results, summary_of(results))

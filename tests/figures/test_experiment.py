@@ -1,9 +1,9 @@
 import pytest
 from tests.drawing import draw
-from tests.experimental import experiment_of, fail, results_of, summary_of
+from tests.experimental import experiment_of, fail, prepared_of, results_of, summary_of
 from tests.virtual import prepared
 
-from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures, representative
+from tvsysid.studies.van_de_ruit_2021.figures import experiment_figures, representative
 
 ALL = [
     "participants",
@@ -22,18 +22,15 @@ def experiment():
 
 @pytest.fixture(scope="module")
 def shown(experiment):
-    preparations = {"P1-prbs": prepared(1, "prbs")}
-    return experiment_figures(
-        experiment.results, experiment.summary, experiment.excerpts, preparations
-    )
+    recordings = prepared_of(experiment.results, prepared(1, "prbs"))
+    return experiment_figures(experiment.results, experiment.summary, recordings)
 
 
 @pytest.mark.slow
 def test_all_figures_of_an_experiment():
     few = experiment_of(participants=("P1", "P2"), methods=("sds", "kbr"))
-    shown = experiment_figures(
-        few.results, few.summary, few.excerpts, {"P1-prbs": prepared(1, "prbs")}
-    )
+    recordings = prepared_of(few.results, prepared(1, "prbs"))
+    shown = experiment_figures(few.results, few.summary, recordings)
     assert list(shown) == ALL
     for each in shown.values():
         figure = each.draw()
@@ -45,17 +42,15 @@ def test_all_figures_of_an_experiment():
 
 def test_the_participant_in_the_middle_stands_for_all(experiment, shown):
     # VAF rises with the participant's number
-    assert representative(experiment.results, experiment.summary) == "P2"
+    assert representative(experiment.results) == "P2"
     assert shown["participant"].title == "Participant P2 in detail"
     assert shown["recorded-signals"].title == "10 s of what was recorded from P2"
-    assert shown["preparation"].title == "Preparation of P1-prbs"  # the only one given
+    assert shown["preparation"].title == "Preparation of P2-noise"
 
 
 def test_who_is_incomplete_does_not_stand_for_all(experiment):
     failed = fail(experiment.results.copy(deep=True), "no", recording="P2-noise")
-    assert representative(failed, summary_of(failed)) in ("P1", "P3")
-    nothing = fail(experiment.results.copy(deep=True), "no")
-    assert representative(nothing, summary_of(nothing)) == "P1"
+    assert representative(failed) in ("P1", "P3")
 
 
 def test_descriptions_say_what_is_drawn(shown):
@@ -74,7 +69,7 @@ def test_a_single_record_of_walking():
         truth=False,
         target=False,
     )
-    shown = experiment_figures(one.results, one.summary, {}, {})
+    shown = experiment_figures(one.results, one.summary, [])
     assert list(shown) == ["participants", "participant", "variance-and-spread"]
     for each in shown.values():
         draw(each.draw())
@@ -84,7 +79,7 @@ def test_a_single_record_of_walking():
 @pytest.mark.slow
 def test_when_everything_failed():
     failed = fail(results_of(("P1", "P2"), methods=("sds",)), "no")
-    shown = experiment_figures(failed, summary_of(failed), {}, {})
+    shown = experiment_figures(failed, summary_of(failed), [])
     for each in shown.values():
         draw(each.draw())
         assert "nan" not in each.description

@@ -1,6 +1,6 @@
 import pytest
 from tests.drawing import draw
-from tests.synthetic import SINE, SQUARE, responses_of, results_of, summary_of
+from tests.synthetic import SINE, SQUARE, results_of, summary_of
 
 from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 
@@ -8,11 +8,12 @@ from tvsysid.studies.van_de_ruit_2021.figures import study_figures
 @pytest.mark.slow
 def test_all_figures_of_a_study():
     results = results_of(methods=("sds", "kbr"))
-    shown = study_figures(results, summary_of(results), responses_of())
+    shown = study_figures(results, summary_of(results))
     assert list(shown) == [
-        "comparison-square-noise", "comparison-square-prbs", "amount-square", "coverage-square",
-        "comparison-sine",
-        "coverage-sine", "impulse-responses",
+        "comparison-square-noise", "coverage-square-noise",
+        "comparison-square-prbs", "coverage-square-prbs", "amount-square",
+        "comparison-sine-noise", "coverage-sine-noise",
+        "comparison-sine-prbs", "coverage-sine-prbs", "impulse-responses",
     ]  # fmt: skip
     for illustration in shown.values():
         figure = illustration.draw()
@@ -33,22 +34,24 @@ NOISES = [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))]
 @pytest.mark.parametrize(
     ("scenarios", "stems"),
     [
-        (SQUARE[:2], ["comparison-square-noise", "amount-square", "coverage-square"]),
-        (SINE[1:], ["comparison-sine-prbs", "coverage-sine"]),
-        (NOISES, ["comparison-constant-noise", "amount-constant-snr", "coverage-constant"]),
+        (SQUARE[:2], ["square-noise", "amount-square", "impulse-responses"]),
+        (SINE[1:], ["sine-prbs"]),
+        (NOISES, ["constant-noise", "amount-constant-snr"]),
         (
             [
                 ("square", "noise", duration, snr)
                 for duration in (40.0, 80.0)
                 for snr in (0.0, 10.0)
             ],
-            ["comparison-square-noise", "amount-square", "amount-square-snr", "coverage-square"],
+            ["square-noise", "amount-square", "amount-square-snr", "impulse-responses"],
         ),
     ],
 )
 def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
     results = results_of(scenarios, ("sds", "esm"), trials=2)
-    assert list(study_figures(results, summary_of(results))) == stems
+    first, *others = stems
+    expected = [f"comparison-{first}", f"coverage-{first}", *others]
+    assert list(study_figures(results, summary_of(results))) == expected
 
 
 @pytest.mark.slow
@@ -61,7 +64,8 @@ def test_one_perturbation_and_several_noises_are_drawn():
 def test_covarying_viscosity_has_figures_of_its_own():
     results = results_of(SINE, ("sds", "esm"), trials=2, viscosity="covarying")
     shown = study_figures(results, summary_of(results))
-    assert list(shown) == ["comparison-sine-covarying", "coverage-sine-covarying"]
-    assert all(
-        "viscosity varies with stiffness" in illustration.title for illustration in shown.values()
-    )
+    kinds = "comparison", "coverage"
+    expected = [f"{kind}-sine-covarying-{p}" for p in ("noise", "prbs") for kind in kinds]
+    assert list(shown) == expected
+    for each in shown.values():
+        assert "viscosity that varies with stiffness" in each.title

@@ -6,20 +6,18 @@ import numpy as np
 import pytest
 from tests.conftest import ensemble_of
 from tests.experimental import claims as experimental_claims
-from tests.experimental import experiment_of
+from tests.experimental import experiment_of, prepared_of
 from tests.experimental import fail as fail_recording
 from tests.experimental import summary_of as experimental_summary
 from tests.faults import cut, late, simulated
-from tests.synthetic import SQUARE, claims, fail, responses_of, results_of, summary_of
+from tests.synthetic import SQUARE, claims, fail, results_of, summary_of
 
 import tvsysid as tv
 from tvsysid.figures import draw_all
 from tvsysid.figures.style import panels
 from tvsysid.report import write_experiment_report, write_report
 from tvsysid.report.sheet import facts
-from tvsysid.studies.van_de_ruit_2021.experiment import COUNTS
-from tvsysid.studies.van_de_ruit_2021.experiment_figures import experiment_figures
-from tvsysid.studies.van_de_ruit_2021.figures import study_figures
+from tvsysid.studies.van_de_ruit_2021.figures import experiment_figures, study_figures
 
 HOSTILE = "mine:<script>alert(1)</script>"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -53,7 +51,7 @@ def study():
 def page(study, tmp_path_factory):
     """Path of a report."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    figures = pictures(study_figures(*study, responses_of()))
+    figures = pictures(study_figures(*study))
     write_report(path, *study, claims(), figures, "tvsysid benchmark --trials 3 && echo")
     return path
 
@@ -74,7 +72,6 @@ def experiment():
         "trial_3.mat left out: <no torque>\nangle is clipped"
     )
     made.summary = experimental_summary(made.results)
-    made.exclusions = made.exclusions[made.exclusions.recording != "P3-prbs"]
     return made
 
 
@@ -83,17 +80,15 @@ def experiment_page(experiment, tmp_path_factory):
     """Path of an experiment's report."""
     path = tmp_path_factory.mktemp("report") / "report.html"
     figures = pictures(
-        experiment_figures(experiment.results, experiment.summary, experiment.excerpts, {})
+        experiment_figures(experiment.results, experiment.summary, prepared_of(experiment.results))
     )
     write_experiment_report(
         path,
         experiment.results,
         experiment.summary,
         experimental_claims(),
-        experiment.exclusions,
         figures,
         "tvsysid experiment --virtual 3 && echo",
-        COUNTS,
     )
     return path
 

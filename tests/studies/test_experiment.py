@@ -6,8 +6,13 @@ from scipy.stats import ttest_1samp
 from tests.experimental import results_of
 
 from tvsysid.studies.claims import COLUMNS
-from tvsysid.studies.van_de_ruit_2021 import judge
-from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, EXCLUDED, FIVE, SURVIVED
+from tvsysid.studies.van_de_ruit_2021.experiment import (
+    CLAIMS,
+    EXCLUDED,
+    FIVE,
+    SURVIVED,
+    judge_experiment,
+)
 
 VAF = {"noise": {"eirf": 62, "sds": 52, "birf": 51, "esm": 50, "kbr": 67},
        "prbs": {"eirf": 87, "sds": 76, "birf": 75, "esm": 75, "kbr": 50}}  # fmt: skip
@@ -60,11 +65,11 @@ def results():
 
 
 def verdicts(results):
-    return judge(results).set_index("claim").verdict
+    return judge_experiment(results).set_index("claim").verdict
 
 
 def test_results_like_the_papers_fulfil_every_claim(results):
-    table = judge(results)
+    table = judge_experiment(results)
     assert list(table.columns) == list(COLUMNS)
     assert len(table) == len(CLAIMS)
     assert set(table.verdict) == {"holds"}
@@ -122,7 +127,7 @@ def test_what_was_not_recorded_is_not_studied(results):
     assert table["The random error is largest for eirf"] == "holds"
     four = verdicts(noise.isel(analysis=(noise.method_key != "kbr").values))
     assert four["The random error is largest for eirf"] == "not studied"
-    walking = noise.assign_coords(perturbation=noise.perturbation.copy(data=["walking"] * 6))
+    walking = noise.assign_coords(perturbation=("recording", ["walking"] * 6))
     assert set(verdicts(walking)) == {"not studied"}
 
 
@@ -133,7 +138,11 @@ def test_two_participants_decide_nothing(results):
 
 
 def test_limits_are_those_of_a_t_distribution_over_participants(results):
-    row = judge(results).set_index("claim").loc["kbr has more VAF with noise than with PRBS"]
+    row = (
+        judge_experiment(results)
+        .set_index("claim")
+        .loc["kbr has more VAF with noise than with PRBS"]
+    )
     kbr = results.vaf.isel(analysis=FIVE.index("kbr") * 2).mean("bootstrap").values
     difference = kbr[::2] - kbr[1::2]
     limits = ttest_1samp(difference, 0).confidence_interval(0.95)

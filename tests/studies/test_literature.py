@@ -8,18 +8,9 @@ from tests.contracts.toys import Cascade
 from tests.synthetic import scores_of
 
 from tvsysid import studies
-from tvsysid.studies import closed_loop, reflex
-from tvsysid.studies.closed_loop import (
-    ACTUATORS,
-    BEST,
-    BIRF,
-    IMPOSED,
-    LONG,
-    OPEN,
-    SNR,
-    UNWEIGHTED,
-)
-from tvsysid.studies.reflex import CONSTANT, GAIN, LOUD, SINE
+from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
+from tvsysid.studies.closed_loop import ACTUATORS, BEST, BIRF, IMPOSED, LONG, OPEN, SNR, UNWEIGHTED
+from tvsysid.studies.reflex import AMOUNTS, CONSTANT, GAIN, LOUD, NAMES, SINE
 from tvsysid.study import Study, run, score, summarize
 
 LOOPS = [
@@ -28,8 +19,9 @@ LOOPS = [
 LOOPS.append(closed_loop.scenario(100.0, 5.0, LONG))
 SLOW = LOOPS[5:6]  # on 30 N·m/rad, noise up to 5 Hz
 WIDE = LOOPS[10:14]
-MANY = [SINE._replace(duration_s=seconds) for seconds in (200.0, 600.0, 1200.0)]
-REFLEXES = [SINE, *CONSTANT.values(), LOUD, *MANY]
+BY_LABEL = {scenario.label: scenario for scenario in studies.preset("reflex").scenarios}
+REFLEXES = [BY_LABEL[label] for label in (SINE, *CONSTANT.values(), LOUD, *AMOUNTS.values())]
+MANY = REFLEXES[-3:]
 
 
 def of_loops(place, method, metric):
@@ -44,7 +36,7 @@ def of_loops(place, method, metric):
 
 def of_reflexes(place, method, metric):
     """Numbers that fulfil every claim about reflexes."""
-    gain = dict(zip(CONSTANT.values(), CONSTANT, strict=True)).get(place, 8.0)
+    gain = dict(zip(CONSTANT.values(), CONSTANT, strict=True)).get(place.label, 8.0)
     if metric == "mean_bias":
         return 2.0 * gain + 0.5 if method in reflex.ONE_PATH else 0.1
     if metric == "total_error":
@@ -95,14 +87,14 @@ def test_claims_hold_where_numbers_are_as_claimed(of):
         ("loops", BIRF, "random_error", 10.5, LOOPS, "Where the angle is imposed"),
         ("loops", UNWEIGHTED, "random_error", 6.0, SLOW, "Weighting by the residual"),
         ("loops", BEST, "random_error", 11.0, WIDE[:1], "Weighting by the residual"),
-        ("reflexes", "birf", "mean_bias", -7.5, [CONSTANT[4.0]], "Methods of one pathway take"),
-        ("reflexes", "kbr", "mean_bias", 60.0, [CONSTANT[16.0]], "They do so in proportion"),
+        ("reflexes", "birf", "mean_bias", -7.5, REFLEXES[2:3], "Methods of one pathway take"),
+        ("reflexes", "kbr", "mean_bias", 60.0, REFLEXES[4:5], "They do so in proportion"),
         ("reflexes", "bpc", "mean_bias", 9.0, REFLEXES, "Methods of two pathways are free of it"),
-        ("reflexes", "cascade", GAIN, 0.9, [CONSTANT[0.0]], "Without a reflex cascade finds none"),
+        ("reflexes", "cascade", GAIN, 0.9, REFLEXES[1:2], "Without a reflex cascade finds none"),
         ("reflexes", "tvpc:window=0", GAIN, 1.0, MANY[:1], "tvpc needs 500 to 800 realizations"),
-        ("reflexes", "bpc", GAIN, 3.0, [SINE], "Forty cycles suffice for bpc: reflex gain"),
-        ("reflexes", "bpc", "total_error", 30.0, [SINE], "Forty cycles suffice for bpc: stiffness"),
-        ("reflexes", "sdss", "total_error", 30.0, [LOUD], "With much noise (0 dB) sdss is more"),
+        ("reflexes", "bpc", GAIN, 3.0, REFLEXES[:1], "Forty cycles suffice for bpc: r"),
+        ("reflexes", "bpc", "total_error", 30.0, REFLEXES[:1], "Forty cycles suffice for bpc: s"),
+        ("reflexes", "sdss", "total_error", 30.0, REFLEXES[5:6], "With much noise (0 dB)"),
     ],
 )
 def test_one_number_against_a_claim_is_enough(of, method, metric, value, where, claim):
@@ -137,15 +129,15 @@ def test_a_study_of_loops_is_drawn():
         "closed-loop", system=systems, duration_s=20, trials=2, methods=["birf", BIRF]
     )
     assert studies.published(results) is closed_loop.STUDY
-    assert list(shown) == ["bias-40Hz", "comparison-40Hz", "coverage-40Hz"]
+    assert list(shown) == ["comparison-40Hz", "coverage-40Hz", "bias-40Hz"]
     assert ticks(shown["bias-40Hz"].draw()) == [30, 100]
-    assert all(shown[stem].draw().axes[0].lines for stem in list(shown)[1:])
+    assert all(shown[stem].draw().axes[0].lines for stem in list(shown)[:2])
 
 
 @pytest.fixture(scope="module")
 def with_reflex():
     systems = ["reflex-sine", "reflex-sine:noise_bandwidth=1"]
-    systems += [CONSTANT[gain].system for gain in (0.0, 4.0, 16.0)]
+    systems += [NAMES[gain] for gain in (0.0, 4.0, 16.0)]
     return run_preset(
         "reflex", system=systems, methods=["birf", Cascade()], duration_s=20, trials=2
     )
@@ -155,9 +147,8 @@ def with_reflex():
 def test_a_study_is_held_against_what_was_published_of_it(with_reflex):
     results, *_ = with_reflex
     assert studies.published(results) is reflex.STUDY
-    one_path = results.sel(method_key=["birf"])
-    joint = results.sel(quantity=["stiffness", "viscosity"])
-    assert studies.published(one_path) is studies.published(joint) is not reflex.STUDY
+    joint = results.assign_coords(system=("scenario", ["joint"] * 5))
+    assert studies.published(joint) is van_de_ruit_2021.STUDY
 
 
 @pytest.mark.slow
@@ -165,8 +156,9 @@ def test_both_pathways_are_drawn_with_their_truth(with_reflex):
     results, summary, shown = with_reflex
     # One of the 5 scenarios has no reflex
     assert np.isfinite(summary.value[summary.metric == "reflex pathway_vaf"]).sum() == 4
-    assert list(shown) == ["pathways-reflex-sine-sine", "pathways-reflex-sine", "bias-reflex-sine"]
-    figure = shown["pathways-reflex-sine-sine"].draw()
+    assert {"coverage-reflex-sine", "bias-reflex-sine"} < set(shown)
+    assert "bias-reflex-sine-sine" not in shown  # both systems have the same gain
+    figure = shown["comparison-reflex-sine-sine"].draw()
     rows = {axes.get_ylabel().partition("\n")[0]: axes for axes in figure.axes if axes.get_ylabel()}
     assert {"stiffness", "reflex gain", "error of gain", "VAF intrinsic", "VAF reflex"} <= set(rows)
     truth = rows["reflex gain"].lines[0].get_ydata()

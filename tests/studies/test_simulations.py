@@ -9,9 +9,15 @@ from hypothesis import strategies as st
 from tests.synthetic import scores_of
 
 from tvsysid.studies import preset
-from tvsysid.studies.claims import COLUMNS, Claim, Evidence, Margin, judge_claim, replicate_interval
-from tvsysid.studies.van_de_ruit_2021 import judge
-from tvsysid.studies.van_de_ruit_2021.simulations import FIVE
+from tvsysid.studies.claims import (
+    COLUMNS,
+    Evidence,
+    Margin,
+    claim,
+    judge_claims,
+    replicate_interval,
+)
+from tvsysid.studies.van_de_ruit_2021.simulations import FIVE, STUDY
 from tvsysid.study import Study, run, score
 from tvsysid.study.scores import METRICS
 
@@ -34,8 +40,12 @@ def paper_scores(values=None, spread=0.01, study=None, methods=FIVE):
     return scores
 
 
+def judged(*given, **settings):
+    return STUDY.judge(paper_scores(*given, **settings)).set_index("claim")
+
+
 def verdicts(*given, **settings):
-    return judge(paper_scores(*given, **settings)).set_index("claim").verdict
+    return judged(*given, **settings).verdict
 
 
 def of_all(metric, number):
@@ -102,7 +112,7 @@ def test_only_the_paper_s_joint_rate_and_period_are_judged():
     }
     assert verdicts(bias, study=study)[LOWEST] == YES
     other = paper_scores(bias, study=study).assign_attrs(study=Study(period=1.0).to_json())
-    assert set(judge(other).verdict) == {NOT}
+    assert set(STUDY.judge(other).verdict) == {NOT}
     # Without noise, no scenario has 10 dB less
     found = verdicts(study=Study(snr_db=math.inf, trials=10))
     assert found[found.index.str.contains("10 dB less")].tolist() == [NOT]
@@ -112,7 +122,7 @@ def test_one_cell_against_a_claim_is_enough():
     def exception(scenario):
         return 20.0 if scenario.duration_s == 300 and scenario.perturbation == "prbs" else 4.0
 
-    row = judge(paper_scores(BIAS | {("eirf", DEBIASED): exception})).set_index("claim").loc[LOWEST]
+    row = judged(BIAS | {("eirf", DEBIASED): exception}).loc[LOWEST]
     assert row.verdict == "does not hold"
     assert row.finding == (
         "4 of 40 comparisons against it; the clearest: debiased bias error 9 N·m/rad "
@@ -123,21 +133,18 @@ def test_one_cell_against_a_claim_is_enough():
     assert row.low < -11 < row.high < 0
 
 
-def test_what_is_not_studied_says_what_it_needs():
-    table = judge(paper_scores(study=Study(duration_s=40.0, trials=10))).set_index("claim")
-    row = table.loc["With a sine, eirf varies most"]
-    assert (row.verdict, row.remark) == (
-        "not studied", "Needs a sine at 10 dB, and all five methods with their own settings."
-    )  # fmt: skip
-    assert set(judge(paper_scores(BIAS, methods=FIVE[:4])).verdict) == {"not studied"}
-    assert tuple(judge(paper_scores()).columns) == COLUMNS
+def test_what_is_not_there_is_not_studied():
+    row = judged(study=Study(duration_s=40.0, trials=10)).loc["With a sine, eirf varies most"]
+    assert (row.verdict, row.remark) == (NOT, "Needs other methods, scenarios or recordings.")
+    found = verdicts(BIAS, methods=FIVE[:4])
+    assert set(found[[LOWEST, LARGEST, BETWEEN]]) == {NOT}
+    assert tuple(STUDY.judge(paper_scores()).columns) == COLUMNS
 
 
 def test_methods_without_results_leave_a_claim_undecided():
-    row = judge(paper_scores(BIAS | {("kbr", DEBIASED): np.nan})).set_index("claim").loc[LOWEST]
-    assert (row.verdict, row.remark) == ("undecided", "A method gave no results.")
+    assert verdicts(BIAS | {("kbr", DEBIASED): np.nan})[LOWEST] == OPEN
     everything = {(method, metric): np.nan for method in FIVE for metric in METRICS}
-    assert set(verdicts(everything)) <= {"undecided", "not studied"}
+    assert YES not in set(verdicts(everything))
 
 
 @given(st.floats(-3, 3), st.integers(1, 60))
@@ -147,7 +154,7 @@ def test_limits_that_exclude_zero_decide_a_single_comparison(estimate, count):
     evidence = Evidence(
         {("error", name): samples for name in names}, {"error": "N·m/rad"}, replicate_interval
     )
-    verdict = judge_claim(Claim("c", "s", "n", [(Margin(0), "error", names)]), evidence)[7]
+    (verdict,) = judge_claims([claim("c", "s", Margin(0), "error", names)], evidence).verdict
     low, high = estimate - 0.95, estimate + 0.95
     if low > 1e-9:
         assert verdict == "holds"
@@ -159,5 +166,5 @@ def test_limits_that_exclude_zero_decide_a_single_comparison(estimate, count):
 
 @pytest.mark.parametrize("trials", [1, pytest.param(9, marks=pytest.mark.slow)])
 def test_few_trials_decide_nothing(trials):
-    table = judge(score(run(Study(methods=FIVE, trials=trials, duration_s=40.0), workers=1)))
+    table = STUDY.judge(score(run(Study(methods=FIVE, trials=trials, duration_s=40.0), workers=1)))
     assert set(table.verdict) == {"undecided", "not studied"}

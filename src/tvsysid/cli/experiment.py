@@ -85,7 +85,7 @@ def experiment(
     - `prepared/`: the ensembles that were identified (NetCDF; `tvsysid.recordings.load_ensemble`
       reads them);
 
-    - `figures/`: each figure as PNG, PDF and SVG, and a figure of every participant as PNG and PDF;
+    - `figures/`: each figure as PNG, PDF and SVG, one for each participant among them;
 
     - `results.nc`: every bootstrap; `xarray.open_dataset` reads it.
 

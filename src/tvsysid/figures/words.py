@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from textwrap import TextWrapper
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import printable
 
@@ -69,7 +69,7 @@ def differing(traits: pd.DataFrame) -> list[str]:
     return [text.replace("_", " ") for text in texts]
 
 
-def described(scenario: Mapping[str, object], names: Sequence[str] = TRAITS) -> str:
+def described(scenario: Mapping[Any, Any], names: Sequence[str] = TRAITS) -> str:
     """Describe a scenario from its traits.
 
     Viscosity is mentioned only where it varies with stiffness.

@@ -81,81 +81,55 @@ def problems(results: xr.Dataset) -> list[dict[str, Any]]:
     ``trials``, and the ``first`` reason.
     """
     case, draw, method = axes_of(results)
-    sizes, found = results.sizes, []
-    failures = results.failure.transpose(case, method, draw).values
-    warnings = results.warnings.transpose(case, method, draw).values
-    lost = (failures == failures[:, :1, :1]).all((1, 2)) & (failures[:, 0, 0] != "")
-    lost &= sizes[method] > 1
-    for label, text in zip(results[case].values[lost], failures[lost, 0, 0], strict=True):
-        number = sizes[method] * sizes[draw]
-        found.append((str(label), "failed", number, number, str(text)))
-    places = [f"{each}: " if sizes[case] > 1 else "" for each in results[case].values[~lost]]
-    for column, label in enumerate(map(str, results[method].values)):
-        said: dict[str, list[str]] = {"failed": [], "skipped": [], "warning": []}
-        for place, *each in zip(places, failures[~lost], warnings[~lost], strict=True):
-            failed, warned = ([text for text in part[column] if text] for part in each)
-            said["failed"] += [place + text for text in failed]
-            for text in map(str, warned):
-                kind = "skipped" if text.startswith(SKIPPED) else "warning"
-                said[kind].append(place + text.removeprefix(SKIPPED))
-        number = len(places) * sizes[draw]
-        found += [(label, kind, len(each), number, each[0]) for kind, each in said.items() if each]
-    names = ("method", "kind", "count", "trials", "first")
-    return [dict(zip(names, row, strict=True)) for row in found]
+    table = results[["failure", "warnings"]].to_dataframe([method, case, draw]).reset_index()
+    reasons = table.groupby(case).failure
+    is_lost = (reasons.transform("nunique") == 1) & (table.failure != "")
+    if results.sizes[method] > 1:
+        table[method] = table[method].mask(is_lost, table[case])
+    trials = table[method].value_counts()
+    table = table.melt([method, case], ["failure", "warnings"], "kind", "first")
+    table = table[table["first"] != ""].replace({"failure": "failed", "warnings": "warning"})
+    table["kind"] = table.kind.mask(table["first"].str.startswith(SKIPPED), "skipped")
+    table["first"] = table["first"].str.removeprefix(SKIPPED)
+    if results.sizes[case] > 1:
+        is_own = table[method] == table[case]
+        table["first"] = table["first"].where(is_own, table[case] + ": " + table["first"])
+    found = table.groupby([method, "kind"], sort=False)["first"].agg(["size", "first"])
+    return [
+        {"method": label, "kind": kind, "count": count, "trials": int(trials[label]), "first": text}
+        for label, kind, count, text in found.reset_index().itertuples(index=False)
+    ]
 
 
 def common(
-    results: xr.Dataset, claims: pd.DataFrame, settings: Mapping[str, object], what: str
+    results: xr.Dataset, claims: pd.DataFrame, settings: Mapping[str, object]
 ) -> dict[str, Any]:
     """Return the values that the templates of all studies take.
 
-    Parameters
-    ----------
-    results, claims
-        As for :func:`tvsysid.report.write_report`.
-    settings
-        Settings to be shown.
-    what
-        Heading of what failed or gave warnings.
+    Results and claims are those of :func:`tvsysid.report.write_report`; the settings are shown.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    asked = results.asked if "asked" in results else True
-    failed = int((results.failure != "").sum())
-    tried = int(((results.failure == results.failure) & asked).sum())
     rows: dict[str, object] = {
         **{
             name.replace("_", " "): re.sub(r'["{}\[\]]', "", json.dumps(value, ensure_ascii=False))
             for name, value in settings.items()
         },
-        "time of identification": f"{round(float(results.seconds.sum())):,} s on one core",
-        "failed identifications": f"{failed} of {tried}",
+        "time of identification": f"{float(results.seconds.sum()):,.0f} s on one core",
         **{f"version of {name}": each for name, each in settings_of(results, "versions").items()},
     }
-    claims = claims.assign(claim=claims.claim + " (" + claims.source + ")")[CLAIM]
     labels = dict.fromkeys(map(str, results.method_key.values))
     return {
         "results": results,
-        "claims": claims,
+        "claims": claims.assign(claim=claims.claim + " (" + claims.source + ")")[CLAIM],
         "verdicts": claims.verdict.value_counts().to_dict(),
         "methods": {label: METHODS.get(label.partition(":")[0]) for label in labels},
-        "problems": problems_table(results, what),
+        "problems": problems(results),
         "settings": pd.DataFrame(rows.items(), columns=["setting", "value"]),
-        "failed": failed,
-        "tried": tried,
+        "failed": int((results.failure != "").sum()),
+        "tried": int((results.failure.notnull() & results.get("asked", True)).sum()),
         "version": version_of(results),
     }
-
-
-def problems_table(results: xr.Dataset, what: str) -> pd.DataFrame:
-    """Return :func:`problems` with headings for a page."""
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    rows = [
-        (each["method"], each["kind"], f"{each['count']} of {each['trials']}", each["first"])
-        for each in problems(results)
-    ]
-    return pd.DataFrame(rows, columns=[what, "what", "how many", "first reason"])
 
 
 def version_of(results: xr.Dataset) -> str:

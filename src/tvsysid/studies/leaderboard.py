@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from tvsysid.figures import Illustration, draw_all, leaderboard
+from tvsysid.figures import draw_all, leaderboard
 from tvsysid.methods import CLOSED_LOOP, METHODS
 from tvsysid.numerics import Array
-from tvsysid.report import write_leaderboard_page
+from tvsysid.report.page import render
+from tvsysid.report.studies import problems, settings_of, version_of
+from tvsysid.studies.pictures import illustrated
 from tvsysid.studies.published_study import write_tables
 from tvsysid.study.scenarios import Scenario, Study
 from tvsysid.study.scores import MAIN
@@ -64,11 +66,6 @@ SCENARIOS = {
 """Joints by their kind, in an order that the tables keep."""
 KINDS = {scenario: kind for kind, every in SCENARIOS.items() for scenario in every}
 FILES = ("leaderboard.html", "leaderboard.csv")
-PICTURE = (
-    "Left: rank, and score with two standard errors to either side. Right: error in each scenario, "
-    "in per cent of the mean stiffness, the darker the smaller, numbered as in the table of "
-    "scenarios. The tables have the same numbers."
-)
 
 
 def study_of(
@@ -79,14 +76,14 @@ def study_of(
     Further ``scenarios`` and ``changes`` of settings make it another one than the version's.
     """
     first, *others = (each._asdict() for each in KINDS)
-    methods = dict.fromkeys((*METHODS, *CLOSED_LOOP, *entries))
-    fixed: dict[str, Any] = {
-        "subtract_mean": True,
-        "trials": TRIALS,
-        "seed": SEED,
-        "methods": tuple(methods),
-    }
-    study = Study(**{**first, **fixed, "also": others}).replaced(**changes)
+    study = Study(
+        **first,
+        also=others,
+        methods=tuple(dict.fromkeys((*METHODS, *CLOSED_LOOP, *entries))),
+        subtract_mean=True,
+        trials=TRIALS,
+        seed=SEED,
+    ).replaced(**changes)
     return attrs.evolve(study, also=(*study.also, *scenarios))
 
 
@@ -101,87 +98,75 @@ def commitment(seed: int) -> str:
 def errors_of(results: xr.Dataset) -> xr.DataArray:
     """Return the relative error of stiffness, at most 1, (scenario, trial, method_key)."""
     own = results.sel(quantity=MAIN)
-    truth = own.trial_truth if "trial_truth" in own else own.truth
+    truth = own.get("trial_truth", own.truth)
     off = own.estimate.fillna(0.0) - truth
     errors: xr.DataArray = np.sqrt((off**2).mean("time")) / truth.mean("time")
     return errors.clip(max=1.0).transpose("scenario", "trial", "method_key")
 
 
-def scores_of(errors: Array, counts: Array | None = None) -> Array:
-    r"""Return the score of each entry in per cent, a row for each draw.
+def score_of(squares: xr.DataArray) -> xr.DataArray:
+    r"""Return the score in per cent from mean squares over trials, along scenario.
 
-    .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t c_{dst}\, e_{ste}^2 / T}
-
-    Errors have shape (scenario, trial, entry); ``counts``, how often a draw has each trial, has
-    shape (draw, scenario, trial). None has each once.
+    .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t e_{st}^2 / T}
     """
-    counts = np.ones((1, *errors.shape[:2])) if counts is None else counts
-    squares = np.einsum("dst,ste->dse", counts, errors**2) / errors.shape[1]
-    return np.asarray(100 * np.exp(0.5 * np.log(squares).mean(axis=1)))
+    logarithms: Any = np.log(squares)
+    score: xr.DataArray = 100 * np.exp(0.5 * logarithms.mean("scenario"))
+    return score
 
 
-def replicates_of(errors: Array) -> Array:
-    """Return scores of resampled trials, (draw, entry), with the spread of new trials."""
+def replicates_of(errors: xr.DataArray) -> xr.DataArray:
+    """Return scores of resampled trials, (draw, method_key), with the spread of new trials."""
+    import xarray as xr  # noqa: PLC0415  # heavy
+
     scenarios, trials, _ = errors.shape
-    counts = np.random.default_rng(0).multinomial(
-        trials, np.full(trials, 1 / trials), (DRAWS, scenarios)
-    )
-    drawn = scores_of(errors, counts.astype(np.float64))
+    random, shares = np.random.default_rng(0), np.full(trials, 1 / trials)
+    counts = random.multinomial(trials, shares, (DRAWS, scenarios))
+    weights = xr.DataArray(counts / trials, dims=("draw", "scenario", "trial"))
+    drawn: Any = score_of(xr.dot(weights, errors**2, dim="trial"))
     # A bootstrap draw varies less than a sample does; one trial has no spread
-    mean, wider = drawn.mean(axis=0), np.sqrt(trials / (trials - 1 or np.nan))
-    return np.asarray(mean + wider * (drawn - mean))
+    mean, wider = drawn.mean(dim="draw"), np.sqrt(trials / (trials - 1 or np.nan))
+    replicates: xr.DataArray = mean + wider * (drawn - mean)
+    return replicates.transpose("draw", ...)
 
 
-def ranks_of(scores: Array, replicates: Array) -> dict[str, Array]:
-    """Rank the entries, with the gap ``behind`` the best remaining one and ``behind_error``."""
-    leader, *others = np.argsort(scores, kind="stable").tolist()
-    rank = np.ones(len(scores), dtype=np.int64)
-    behind, error = np.full((2, len(scores)), np.nan)
-    for place, entry in enumerate(others, start=2):
-        behind[entry] = scores[entry] - scores[leader]
-        error[entry] = np.std(replicates[:, entry] - replicates[:, leader])
-        rank[entry] = rank[leader]
-        if behind[entry] > MAX_TIE * error[entry]:
-            rank[entry], leader = place, entry
-    return {"rank": rank, "behind": behind, "behind_error": error}
+def ranks_of(scores: Array, replicates: Array) -> list[int]:
+    """Rank entries in the order of their scores.
+
+    An entry shares the rank of the one that leads it, unless it is behind by more than ``MAX_TIE``
+    standard errors of their difference. Then it leads the next rank.
+    """
+    leader, ranks = 0, [1]
+    for place in range(1, len(scores)):
+        error = np.std(replicates[:, place] - replicates[:, leader])
+        if scores[place] - scores[leader] > MAX_TIE * error:
+            leader = place
+        ranks.append(leader + 1)
+    return ranks
 
 
 def standings(results: xr.Dataset, groups: Mapping[str, list[str]]) -> pd.DataFrame:
     """Return a row for each entry, in order of score.
 
-    Columns rank, entry, score, score_error (standard), behind (gap to the leader of its
-    rank, or of the next better one), behind_error, coverage (mean over scenarios with a band),
-    answered (scenarios with an estimate), the score in each group of scenarios, and the error in
-    each scenario; in %.
+    Columns rank, entry, score, score_error (standard), coverage (mean over scenarios with a
+    band), the score in each group of scenarios, and the error in each scenario; in %.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
     errors, own = errors_of(results), results.sel(quantity=MAIN)
-    entries, labels = (results[dim].values.tolist() for dim in ("method_key", "scenario"))
-    score, replicates = scores_of(errors.values)[0], replicates_of(errors.values)
-    ranks = ranks_of(score, replicates)
+    squares, replicates = (errors**2).mean("trial"), replicates_of(errors)
+    labels = results.scenario.values.tolist()
     parts = {**groups, **{label: [label] for label in labels}}
     columns = {
-        "rank": ranks.pop("rank"),
-        "entry": entries,
-        "score": score,
-        "score_error": replicates.std(axis=0),
-        **ranks,
+        "entry": results.method_key,
+        "score": score_of(squares),
+        "score_error": replicates.std("draw"),
         "coverage": 100 * own.covered.mean(["trial", "time"]).mean("scenario"),
-        "answered": own.estimate.notnull().any(["trial", "time"]).sum("scenario"),
-        **{name: scores_of(errors.sel(scenario=part).values)[0] for name, part in parts.items()},
+        **{name: score_of(squares.sel(scenario=part)) for name, part in parts.items()},
     }
-    return pd.DataFrame(columns).sort_values("score", kind="stable", ignore_index=True)
-
-
-def scenarios_of(study: Study) -> pd.DataFrame:
-    """Return number, kind and settings of each scenario, by label."""
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    table = pd.DataFrame(study.scenarios, index=[each.label for each in study.scenarios])
-    table.insert(0, "number", range(1, len(table) + 1))
-    table.insert(1, "kind", [KINDS.get(each, "further") for each in study.scenarios])
-    return table
+    table = pd.DataFrame(columns).sort_values("score", kind="stable")
+    ranks = ranks_of(table.score.to_numpy(), replicates.values[:, table.index])
+    table.insert(0, "rank", ranks)
+    return table.reset_index(drop=True)
 
 
 def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.DataFrame:
@@ -192,19 +177,34 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     study, results, folder
         As of :func:`study_of`, of this study by :func:`tvsysid.study.run`, and where to write.
     """
-    scenarios = scenarios_of(study)
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    scenarios = pd.DataFrame(study.scenarios, index=[each.label for each in study.scenarios])
+    scenarios.insert(0, "number", range(1, len(scenarios) + 1))
+    scenarios.insert(1, "kind", [KINDS.get(each, "further") for each in study.scenarios])
     groups = {str(kind): list(rows.index) for kind, rows in scenarios.groupby("kind", sort=False)}
     table = standings(results, groups)
     write_tables(folder, {FILES[1]: table})
-    picture = Illustration(
-        lambda: leaderboard(table, groups), "Scores and errors", PICTURE, ("svg",)
-    )
-    write_leaderboard_page(
-        folder / FILES[0],
-        results,
+    picture = illustrated(
+        leaderboard,
         table,
-        scenarios,
-        draw_all({"scores": picture})["scores"],
+        groups,
+        title="Scores and errors",
+        text="Left: rank, and score with two standard errors to either side. Right: error in each "
+        "scenario, in per cent of the mean stiffness, the darker the smaller, numbered as in the "
+        "table of scenarios. The tables have the same numbers.",
+    )
+    numbered = ["entry", *map(str, scenarios.number)]
+    render(
+        folder / FILES[0],
+        "leaderboard.html",
+        standings=table.drop(columns=scenarios.index),
+        errors=table[["entry", *scenarios.index]].set_axis(numbered, axis=1),
+        scenarios=scenarios,
+        picture=draw_all({"scores": picture})["scores"],
+        problems=problems(results),
+        versions=settings_of(results, "versions"),
+        version=version_of(results),
         number=VERSION,
         is_official=(study.scenarios, study.trials) == (tuple(KINDS), TRIALS),
         trials=study.trials,

@@ -13,7 +13,7 @@ from tvsysid.figures import Illustration, draw_all
 from tvsysid.quality import Diagnosis
 from tvsysid.recordings.write import write_table
 from tvsysid.report import write_report
-from tvsysid.studies.claims import Claim, Evidence, judge_claims, simulation_evidence
+from tvsysid.studies.claims import Claim, judge_claims, simulation_evidence
 from tvsysid.study import score, summarize
 
 if TYPE_CHECKING:
@@ -31,26 +31,29 @@ class PublishedStudy:
         Settings of the studies that all claims together need, by name.
     claims
         The claims.
-    about
-        Text above the claims.
+    says
+        Who says so of what, as in "the literature says of reflexes".
     figures
         Return the figures from results and their summary.
-    applies
-        Return whether the claims are about the systems of a study, from its results.
-    evidence
-        Return the numbers that claims are compared with, from scores.
+    systems
+        Kinds of systems that the claims are about.
     """
 
     presets: Mapping[str, Mapping[str, Any]]
     claims: Sequence[Claim]
-    about: str
+    says: str
     figures: Callable[[xr.Dataset, pd.DataFrame], dict[str, Illustration]]
-    applies: Callable[[xr.Dataset], bool]
-    evidence: Callable[[xr.Dataset], Evidence] = simulation_evidence
+    systems: Sequence[str]
 
     def judge(self, scores: xr.Dataset) -> pd.DataFrame:
-        """Return a row for each claim, as :func:`tvsysid.studies.van_de_ruit_2021.judge`."""
-        return judge_claims(self.claims, self.evidence(scores))
+        """Return a row for each claim, from scores as of :func:`tvsysid.study.score`.
+
+        ``finding`` names the comparison that decides, with its figures; ``estimate``, ``low`` and
+        ``high`` are its margin and 95 % limits (from drawing trials), in ``unit``: a difference
+        speaks for the claim above 0, a ratio above 1. ``verdict`` is "holds", "does not hold",
+        "undecided" or "not studied".
+        """
+        return judge_claims(self.claims, simulation_evidence(scores))
 
 
 class Written(NamedTuple):
@@ -85,9 +88,9 @@ def write_study(
     tables = {"summary.csv": summary, "claims.csv": claims}
     write_tables(folder, tables)
     pictures = draw_all(published.figures(results, summary), folder / "figures")
-    page, about = folder / "report.html", published.about
-    write_report(page, results, summary, claims, pictures, command, about)
-    return Written(summary, claims, ("report.html", *tables, f"figures/ ({len(pictures)})"))
+    page = folder / "report.html"
+    write_report(page, results, summary, claims, pictures, command, published.says)
+    return Written(summary, claims, ("report.html", *tables, "figures/"))
 
 
 def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:

@@ -1,18 +1,31 @@
-"""All figures of a simulation study, and the impulse responses that one of them shows."""
+"""Figures of a simulation study, and of an experiment."""
 
 from __future__ import annotations
 
-from functools import partial
+import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from tvsysid.figures import Illustration, error_against_amount, impulse_responses
-from tvsysid.figures.results import of_quantity, scenario_traits, unique
-from tvsysid.figures.words import perturbation_name, profile_name
+from tvsysid.figures import (
+    Illustration,
+    error_against_amount,
+    error_against_truth,
+    impulse_responses,
+    participant_in_detail,
+    preparation_steps,
+    recorded_signals,
+    stiffness_of_participants,
+    variance_and_spread,
+)
+from tvsysid.figures.results import headings, is_known, of_least_data, scenario_traits, unique
+from tvsysid.figures.words import described, perturbation_name
 from tvsysid.methods import BasisIRF, EnsembleIRF, ShortDataSegments
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
-from tvsysid.studies.pictures import comparison, coverage
+from tvsysid.studies.pictures import differing_in, illustrated, scenario_figures
+from tvsysid.study import Prepared
 from tvsysid.study.scenarios import RATE, Scenario, Study
 from tvsysid.study.trials import cut, simulate
 
@@ -22,122 +35,86 @@ if TYPE_CHECKING:
 
 SCENARIO = Scenario("square", "prbs", 150.0, 10.0)
 INSTANTS = (0.25, 1.0)  # times in s, half-way between two switches: low and high stiffness
-# Seconds of data and signal-to-noise ratio in dB that the paper shows over time
-USUAL = (150.0, 10.0)
-AMOUNT = (
-    "Debiased bias error, random error and total error of each method in N·m/rad, with standard "
-    "errors."
-)
+AMOUNTS = {"duration_s": ("the amount of data", ""), "snr_db": ("noise", "-snr")}
+"""Words for the title of a figure, and ending of the file's stem, by what varies."""
+FIXED = ("system", "profile", "viscosity")
+PAPER = "van de Ruit et al. 2021"
 
 
-def study_figures(
-    results: xr.Dataset, summary: pd.DataFrame, responses: xr.Dataset | None = None
-) -> dict[str, Illustration]:
-    """Return all figures of a study.
+def study_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
+    """Return all figures of a simulation study.
 
-    By the stem of a file's name: ``"comparison-square-noise"``, ``"comparison-sine"`` (both
-    perturbations), ``"amount-square"`` (errors against seconds of data), ``"amount-square-snr"``,
-    ``"coverage-square"`` (how often the bands hold the truth), ``"impulse-responses"``; with
-    ``-covarying`` where the viscosity varies with stiffness.
+    By the stem of a file's name: those of :func:`scenario_figures`, such as
+    ``"comparison-square-noise"``; ``"amount-square"`` (errors against seconds of data) and
+    ``"amount-square-snr"``; ``"impulse-responses"``; with ``-covarying`` where the viscosity varies
+    with stiffness.
 
     Parameters
     ----------
     results, summary
         As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
-    responses
-        As :func:`tvsysid.figures.impulse_responses` takes them; None leaves that figure out.
     """
     shown: dict[str, Illustration] = {}
-    groups = scenario_traits(results).groupby(["profile", "viscosity"], sort=False)
-    for (profile, viscosity), rows in groups:
-        ending = "-covarying" if viscosity == "covarying" else ""
-        also = ", viscosity varies with stiffness" if ending else ""
-        name = rows.system.iloc[0] if profile == "own" else profile_name(profile)
-        name = name if ":" in name else name[:1].upper() + name[1:]
-        every = unique(rows.perturbation)
-        for group in [every] if profile == "sine" else [[each] for each in every]:
-            mine = rows[rows.perturbation.isin(group)]
-            bars = mine.sort_values(["perturbation", "snr_db", "duration_s"], kind="stable")
-            labels, perturbations = usual(mine), " and ".join(map(perturbation_name, group))
-            stem = f"comparison-{profile}" + (f"-{group[0]}" if len(group) == 1 else "") + ending
-            shown[stem] = comparison(
-                results, summary, labels, list(bars.index), f"{name}, {perturbations}{also}"
-            )
-        labels = usual(rows)
-        duration, noise = rows.loc[labels[0], ["duration_s", "snr_db"]]
-        here = summary[summary.scenario.isin(rows.index)]
-        for column, fixed, against, by in (
-            ("duration_s", here.snr_db == noise, f"the amount of data, {noise:g} dB", ""),
-            ("snr_db", here.duration_s == duration, f"noise, {duration:g} s of data", "-snr"),
-        ):
-            amounts = here[fixed & np.isfinite(here[column])]
-            if amounts[column].nunique() > 1:
-                title = f"{name}: errors against {against}"
-                shown[f"amount-{profile}{ending}{by}"] = Illustration(
-                    partial(error_against_amount, amounts, title), title, AMOUNT
+    traits = scenario_traits(results)
+    for (profile, viscosity), rows in traits.groupby(["profile", "viscosity"], sort=False):
+        stem = f"{profile}-covarying" if viscosity == "covarying" else str(profile)
+        for perturbation, mine in rows.groupby("perturbation", sort=False):
+            own = f"{stem}-{perturbation}"
+            shown |= scenario_figures(results, summary, own, list(mine.index))
+        for size, (against, ending) in AMOUNTS.items():
+            amounts = differing_in(rows, rows.index[len(mine) // 2], size, "perturbation")
+            if amounts[size].nunique() > 1:
+                same = described(amounts.iloc[0].to_dict(), FIXED)
+                shown[f"amount-{stem}{ending}"] = illustrated(
+                    error_against_amount,
+                    summary[summary.scenario.isin(amounts.index)],
+                    title=f"Errors against {against}: {same}",
+                    text="Debiased bias error, random error and total error of each method in "
+                    "N·m/rad, with standard errors.",
                 )
-        if np.isfinite(of_quantity(results).covered.sel(scenario=labels).values).any():
-            title = f"{name}: how often the bands hold the truth, {duration:g} s{also}"
-            shown[f"coverage-{profile}{ending}"] = coverage(results, labels, title)
-    if responses is not None:
-        shown["impulse-responses"] = responses_illustration(responses)
+    if "square" in results.profile:
+        shown["impulse-responses"] = illustrated(
+            draw_responses,
+            json.loads(results.attrs["study"])["seed"],
+            title="Impulse responses at a low and a high stiffness: PRBS, 150 s, 10 dB",
+            text="Impulse responses over lags in N·m/(rad·s), identified by the methods that find "
+            "one from the first trial of the square wave, with the paper's settings, drawn over "
+            "the true one in the band of the data, at a low and a high stiffness in N·m/rad.",
+        )
     return shown
 
 
-def usual(rows: pd.DataFrame) -> list[str]:
-    """Return the scenarios of one duration and noise to show: the paper's, or the middle."""
-    pairs = rows.set_index(["duration_s", "snr_db"]).index
-    several = sorted(set(pairs))
-    pair = USUAL if USUAL in several else several[len(several) // 2]
-    return list(rows.index[pairs == pair])
+def draw_responses(seed: int, title: str = "") -> Figure:
+    """Draw impulse responses of a study's first trial, as :func:`example_responses` has them."""
+    return impulse_responses(example_responses(seed), title)
 
 
-def responses_illustration(responses: xr.Dataset) -> Illustration:
-    """Return the figure of :func:`example_responses`."""
-    data = (
-        f"{perturbation_name(SCENARIO.perturbation)}, {SCENARIO.duration_s:g} s, "
-        f"{SCENARIO.snr_db:g} dB"
-    )
-    title = f"Impulse responses at a low and a high stiffness: {data}"
-    far = responses.distance.mean("instant").to_series()
-    text = (
-        "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from "
-        f"the first trial of the square wave ({data}), with the paper's settings, drawn over the "
-        "true one in the band of the data, at a low and a high stiffness in N·m/rad. Root mean "
-        "square distance from the truth, mean of both: "
-        f"{', '.join(f'{name} {each:.3g}' for name, each in far.items())} N·m/(rad·s)."
-    )
-    return Illustration(lambda: impulse_responses(responses, title), title, text)
-
-
-def example_responses(seed: int = 0) -> xr.Dataset:
+def example_responses(seed: int) -> xr.Dataset:
     r"""Return impulse responses of the first trial of 150 s (square wave, PRBS), like figure 2.
 
     The true one is that of :math:`I s^2 + b s + k` in the band of the data (up to 80 % of the
     Nyquist frequency), for a response that holds all frequencies has no finite values.
 
-    ``impulse_response`` over (method_key, instant, lag), ``true_impulse_response`` over
-    (instant, lag), and ``distance`` between them (root mean square over lags) over (method_key,
-    instant), in N·m/(rad·s), with the coordinate ``stiffness`` in N·m/rad over (instant). The
-    seed is that of the study.
+    ``impulse_response`` over (method_key, instant, lag) and ``true_impulse_response`` over
+    (instant, lag) are in N·m/(rad·s), with the coordinate ``stiffness`` in N·m/rad over (instant).
+    The seed is that of the study.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
     study = Study(seed=seed)
     simulation = simulate(study, SCENARIO, 0)
     ensemble = cut(study, simulation.recording)
-    methods = {
+    methods: dict[str, Any] = {
         "eirf": EnsembleIRF(), "sds": ShortDataSegments(), "birf": BasisIRF(model="irf")
     }  # fmt: skip
     rows = [round(instant * RATE) for instant in INSTANTS]
-    models: list[Any] = [method.identify(ensemble) for method in methods.values()]
-    found = [model.impulse_response[rows] for model in models]
+    found = [each.identify(ensemble).impulse_response[rows] for each in methods.values()]
     truth = simulation.truth_of(ensemble)
     true = np.stack([truth[name][0, rows] for name in ("stiffness", "viscosity", "inertia")], -1)
     # Discrete weights of a derivative of order m are those for unit sample time, times the rate to
     # the power m; a response is per second, which is once more the rate.
     weights = derivative_weights(HALF_WIDTH) * RATE ** np.array([[1.0], [2.0], [3.0]])
-    responses = xr.Dataset(
+    return xr.Dataset(
         {
             "impulse_response": (("method_key", "instant", "lag"), np.stack(found)),
             "true_impulse_response": (("instant", "lag"), true @ weights),
@@ -149,5 +126,104 @@ def example_responses(seed: int = 0) -> xr.Dataset:
             "lag": np.arange(-HALF_WIDTH, HALF_WIDTH + 1) / RATE,
         },
     )
-    error = responses.impulse_response - responses.true_impulse_response
-    return responses.assign(distance=np.sqrt((error**2).mean("lag")))
+
+
+def experiment_figures(
+    results: xr.Dataset, summary: pd.DataFrame, prepared: Sequence[Prepared]
+) -> dict[str, Illustration]:
+    """Return all figures of an experiment's page.
+
+    By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"``
+    (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is
+    known, ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7).
+
+    Parameters
+    ----------
+    results, summary
+        As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
+    prepared
+        Recordings whose signals can be drawn; those of one participant are.
+    """
+    one, own = representative(results), results.sel(quantity="stiffness")
+    drawn = (
+        "a line or a column for each method, from the least data "
+        f"({'; '.join(headings(of_least_data(results), 60))}), beside the truth and the torque to "
+        "be followed where they are known. The table of metrics has the numbers."
+    )
+    shown = {
+        "participants": illustrated(
+            stiffness_of_participants,
+            own,
+            title="Stiffness of all participants",
+            text=f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps: "
+            f"a row for each participant, a column for each perturbation, {drawn}",
+        ),
+        "participant": illustrated(
+            participant_in_detail,
+            own,
+            one,
+            title=f"Participant {one} in detail",
+            text=f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {one}, "
+            "whose VAF is in the middle of all: mean and two standard deviations over bootstraps, "
+            f"{drawn}",
+        ),
+        "variance-and-spread": illustrated(
+            variance_and_spread,
+            summary,
+            title="VAF and random error of all methods",
+            text=f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole "
+            "torque, of that between 1 and 10 Hz, and of the random error, with two standard "
+            "deviations over participants; dots: single participants. VAF is that of the "
+            "realizations that the model was identified from.",
+        ),
+    }
+    if is_known(own):
+        shown["error-against-truth"] = illustrated(
+            error_against_truth,
+            own,
+            summary,
+            title="Error against the truth",
+            text="How far the mean estimate over bootstraps is from the true stiffness of virtual "
+            "participants: above over time, a thin line for each participant and a thick one for "
+            "their mean; below as bars with two standard deviations over participants.",
+        )
+    mine: dict[str, Any] = {
+        perturbation_name(each.recorded.perturbation): each
+        for each in prepared
+        if each.ensemble and each.recorded.participant == one
+    }
+    if mine:
+        first = next(iter(mine.values()))
+        shown["recorded-signals"] = illustrated(
+            recorded_signals,
+            {name: each.excerpt for name, each in mine.items()},
+            title=f"{first.excerpt.duration:.3g} s of what was recorded from {one}",
+            text=f"Like figure 6 of {PAPER}: angle and torque at {first.excerpt.sampling_rate:g} "
+            "Hz, and the torque to be followed if there is one, a row for each perturbation.",
+        )
+        shown["preparation"] = illustrated(
+            preparation_steps,
+            first.preparation,
+            title=f"Preparation of {first.recorded.label}",
+            text=f"Like figure 7 of {PAPER}. Above: the torque of all realizations as it was "
+            "recorded, and that of those that were kept, aligned if there is a target, with their "
+            "mean subtracted. Below, the signal that each step compares, with its mean and limits.",
+        )
+    return shown
+
+
+def participant_figures(results: xr.Dataset) -> dict[str, Illustration]:
+    """Return the detailed figures of every participant, by the stem of the file's name."""
+    own = results.sel(quantity="stiffness")
+    return {
+        f"participants/{who}": illustrated(
+            participant_in_detail, own, who, title=f"Participant {who} in detail"
+        )
+        for who in unique(own.participant.values)
+    }
+
+
+def representative(results: xr.Dataset) -> str:
+    """Return the participant with a median mean VAF; one with a failed recording counts last."""
+    vaf = results.vaf.mean(["analysis", "bootstrap"]).groupby("participant").mean(skipna=False)
+    return str(vaf.participant[vaf.argsort()[(vaf.size - 1) // 2]].item())

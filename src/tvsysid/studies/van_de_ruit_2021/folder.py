@@ -10,20 +10,10 @@ from tvsysid.figures import draw_all
 from tvsysid.quality import diagnose
 from tvsysid.recordings import write_ensemble
 from tvsysid.report import write_diagnosis, write_experiment_report
-from tvsysid.studies.claims import judge_claims
 from tvsysid.studies.published_study import Written, write_tables
-from tvsysid.studies.van_de_ruit_2021.experiment import CLAIMS, COUNTS, experiment_evidence
-from tvsysid.studies.van_de_ruit_2021.experiment_figures import (
-    experiment_figures,
-    participant_figures,
-    representative,
-)
-from tvsysid.study import (
-    Prepared,
-    exclusions,
-    stiffness_over_time,
-    summarize,
-)
+from tvsysid.studies.van_de_ruit_2021.experiment import judge_experiment
+from tvsysid.studies.van_de_ruit_2021.figures import experiment_figures, participant_figures
+from tvsysid.study import Prepared, exclusions, stiffness_over_time, summarize
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,37 +36,24 @@ def write_experiment(
         they are.
     """
     results = results.load()
-    excluded = exclusions(prepared)
+    summary, claims = summarize(results), judge_experiment(results)
     tables = {
-        "summary.csv": summarize(results),
-        "claims.csv": judge_claims(CLAIMS, experiment_evidence(results)),
+        "summary.csv": summary,
+        "claims.csv": claims,
         "stiffness.csv": stiffness_over_time(results),
-        **({"exclusions.csv": excluded} if prepared else {}),
     }
-    write_tables(folder, tables)
-    summary, claims = tables["summary.csv"], tables["claims.csv"]
-    who, excerpts, preparations, diagnoses = representative(results, summary), {}, {}, {}
-    for each in prepared:
-        if each.ensemble and each.excerpt and each.preparation:
-            label = each.recorded.label
-            write_ensemble(folder / "prepared" / f"{label}.nc", each.ensemble)
-            diagnoses[label] = diagnose(each.ensemble, each.reference)
-            if each.recorded.participant == who:
-                excerpts[label], preparations[label] = each.excerpt, each.preparation
-    figures = experiment_figures(results, summary, excerpts, preparations)
-    pictures = draw_all(figures | participant_figures(results), folder / "figures")
-    files = ["report.html", *tables, "prepared/", f"figures/ ({len(pictures)})"]
-    if diagnoses:
+    files, diagnoses = ["report.html", *tables, "figures/"], {}
+    if prepared:
+        tables["exclusions.csv"] = exclusions(prepared)
+        for each in prepared:
+            if each.ensemble:
+                label = each.recorded.label
+                write_ensemble(folder / "prepared" / f"{label}.nc", each.ensemble)
+                diagnoses[label] = diagnose(each.ensemble, each.reference)
         write_diagnosis(folder / "diagnosis.html", diagnoses, command)
-        files.insert(1, "diagnosis.html")
-    write_experiment_report(
-        folder / "report.html",
-        results,
-        summary,
-        claims,
-        excluded,
-        {name: pictures[name] for name in figures},
-        command,
-        COUNTS,
-    )
+        files += ["exclusions.csv", "prepared/", "diagnosis.html"]
+    write_tables(folder, tables)
+    pictures = draw_all(experiment_figures(results, summary, prepared), folder / "figures")
+    draw_all(participant_figures(results), folder / "figures")
+    write_experiment_report(folder / "report.html", results, summary, claims, pictures, command)
     return Written(summary, claims, tuple(files), diagnoses)

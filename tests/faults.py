@@ -116,12 +116,6 @@ def filtered(recording, order, cutoff, both_ways=False):
     return changed(recording, through(*taps, recording.angle), through(*taps, recording.torque))
 
 
-def skewed(recording, share=3e-4):
-    """A torque whose clock is slow, so that it is the later the longer the experiment lasts."""
-    samples = np.arange(len(recording))
-    return changed(recording, torque=np.interp(samples * (1 - share), samples, recording.torque))
-
-
 def drifting(recording, which, deviations=5.0):
     """A sensor whose offset moves by so many standard deviations from start to end."""
     values = getattr(recording, which)

@@ -51,7 +51,7 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     code, out, err = tvsysid(f"inspect joint.mat --diagnose {IDENTIFY}")
     assert (code, err) == (0, "")
     assert (
-        "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 31 of 34 "
+        "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 29 of 32 "
         "checks" in out
     )
     assert (

@@ -71,7 +71,6 @@ OF_RECORD = {
     "reversed-torque": partial(scaled, torque=-1),
     "angle-unit": partial(scaled, angle=np.degrees(1)),
     "torque-unit": partial(scaled, torque=1e-3),
-    "coarse-angle": faults.coarse,
     "angle-offset": partial(faults.drifting, which="angle"),
     "torque-offset": partial(faults.drifting, which="torque"),
 }
@@ -87,7 +86,7 @@ OF_CUT = {
     "mean-torque": partial(offset, torque=5.0),
     "mean-angle": partial(offset, angle=0.1),
 }
-UNDECIMATED = {"clipped-torque", "coarse-angle"}
+UNDECIMATED = {"clipped-torque"}
 everywhere = pytest.mark.parametrize("name", [*OF_RECORD, *OF_ENSEMBLE, *OF_CUT])
 
 
@@ -189,15 +188,6 @@ def test_a_fault_is_measured_and_nothing_else_is_found(ensemble, expected):
     assert set(findings) == set(expected)
     for name, (value, tolerance) in expected.items():
         assert findings[name].value == pytest.approx(value, abs=tolerance)
-
-
-@perturbed
-def test_clocks_that_run_apart(perturbation, recordings):
-    check = found(cut(faults.skewed(simulated(perturbation=perturbation))))["clock-skew"]
-    # 45 ms by the end of 150 s: half of that between the middles of the halves.
-    assert check.value == pytest.approx(22.5, abs=8)
-    recording, period = recordings["dorsiflexor"]
-    assert "clock-skew" in found(cut(faults.skewed(recording, 0.1 / 60), period))
 
 
 @pytest.mark.parametrize("record", ["walking", "dorsiflexor", "dorsiflexor_2"])

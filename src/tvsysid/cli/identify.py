@@ -276,8 +276,6 @@ def _show_diagnosis(found: Comparison) -> None:
     if isinstance(diagnosis, str):
         say(f"diagnosis: none: {diagnosis}")
         return
-    for text in diagnosis.remarks:
-        remark("note", text)
     names = ", ".join(each.name for each in diagnosis.findings)
     advice = f": {names} (report.html says what to do)" if names else ""
     say(f"diagnosis: {diagnosis.verdict}{advice}")

@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 
-from tvsysid.numerics.moments import sliding_sum
-from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fit import (
@@ -18,16 +16,11 @@ from tvsysid.quality.fit import (
     constant_impedance,
 )
 from tvsysid.quality.statistics import TINY
-from tvsysid.signals import Array
 
 MAX_RELATIVE_ERROR = 9.99  # shown
 NOISE_BAND = 0.25  # of the sampling rate: above, a joint hardly moves, but sensors have noise
 MIN_CHANCE = 1e-6  # share of a mean's RMS that chance leaves at least
 DIGITS = 9  # after the point, in standard deviations, in which copies agree
-# Variance inflation of stiffness by velocity and acceleration, above which it is unknown, and the
-# share of samples that may have it.
-MAX_INFLATION, MAX_RINGING = 15.0, 0.01
-MIN_WINDOW_S = 0.05  # to either side
 
 
 @check(
@@ -169,29 +162,3 @@ def mean_left(data: FittedEnsemble, which: str) -> Measured:
         f"leave {expected:.2g}"
     )
     return Measured(size / max(expected, MIN_CHANCE * size, TINY), what)
-
-
-def ringing(data: FittedEnsemble) -> tuple[str, ...]:
-    """Return a remark if the movement does not determine the stiffness at many times."""
-    share = np.mean(angle_inflation(data.fit.motion, data.rate) > MAX_INFLATION)
-    remark = (
-        f"at {100 * share:.0f} % of the samples the angle moves like a free oscillation: "
-        "stiffness there comes from other times or from noise, and no band counts that; "
-        "perturb without rests and at more frequencies, or take the joint as constant (pc)"
-    )
-    return (remark,) if share > MAX_RINGING else ()
-
-
-def angle_inflation(motion: Array, rate: float) -> Array:
-    """Return the variance inflation of a regression on the angle by velocity and acceleration.
-
-    The factors have shape (window,). They come from second moments of the three (3, realization,
-    time) over realizations and windows, longer for few realizations. They are 1 to 10 where noise,
-    pulses or sines move a joint, and infinite where it rings freely or moves at one frequency.
-    """
-    reach = max(MIN_WINDOW_S, 1 / motion.shape[1])
-    half = max(1, min(round(reach * rate), (motion.shape[2] - 1) // 2))
-    middles = slice(half, motion.shape[2] - half, half)
-    moments = sliding_sum(np.einsum("art,brt->tab", motion, motion), half, half)[middles]
-    inverse = second_order_fit(moments, moments[:, 0]).inverse
-    return np.nan_to_num(inverse[:, 0, 0] * moments[:, 0, 0], nan=np.inf)

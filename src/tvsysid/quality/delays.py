@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.interpolation import SINC, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fit import (
@@ -18,7 +17,7 @@ from tvsysid.quality.fit import (
     later,
     low_passed,
 )
-from tvsysid.quality.statistics import is_mean_significant, is_significant
+from tvsysid.quality.statistics import is_significant
 
 MAX_DELAY_S = 0.1
 FINE_SHIFTS = np.linspace(-1, 1, 9)  # samples beside the best whole one
@@ -52,7 +51,7 @@ def delay(data: FittedEnsemble) -> Measured:
     the delay must also show where other frequencies count more, without whitening. An early torque
     in a closed loop is not judged.
     """
-    samples = _best_shift(data, slice(None))
+    samples = _best_shift(data)
     for _ in range(STEPS):
         samples += _remaining_delay(_shifted(data, samples))[0]
     aligned, value = _shifted(data, samples), 1000 * samples / data.rate
@@ -98,55 +97,20 @@ def _remaining_delay(fit: SecondOrderFit) -> NDArray[np.float64]:
     return np.array([delays[1], error, delays[0] - delays[1]])
 
 
-@check(
-    "clock-skew",
-    "The channels' clocks run apart",
-    "delay of the torque in the second half of the experiment, minus that in the first",
-    8,
-    "ms",
-    effect="the delay grows, so the viscosity is wrong by another amount at each time of the "
-    "experiment, and the rest is distorted",
-    remedy="record both channels by one clock, or stretch one of them before cutting",
-)
-def clock_skew(data: FittedEnsemble) -> Measured:
-    """Compare the best shift of the second half of the experiment with that of the first.
-
-    The test is by what each half leaves with the other's shift.
-    """
-    data.require(2 * MIN_TESTED_REALIZATIONS, response=False)
-    shifts, worse = [_best_shift(data, half) for half in data.halves], []
-    for half, *own_and_other in zip(data.halves, shifts, reversed(shifts), strict=True):
-        own, other = (
-            np.sum(_shifted(data, shift).of(half).residual ** 2, axis=1) for shift in own_and_other
-        )
-        worse.append(other - own)
-    skew = 1000 * (shifts[1] - shifts[0]) / data.rate
-    what = (
-        f"the torque is {skew:.3g} ms late in the second half of the experiment against the first"
-    )
-    return Measured(skew, what, is_mean_significant(np.concatenate(worse)))
-
-
-def _reach(data: FittedEnsemble) -> int:
-    """Return the longest delay in samples that the context allows."""
-    reach = min(round(MAX_DELAY_S * data.rate), data.ensemble.context)
-    if reach < 2:
-        raise NotApplicable("the realizations have no context to shift them by")
-    return reach
-
-
 def _shifted(data: FittedEnsemble, samples: float) -> SecondOrderFit:
     """Return the fit to the torque so many samples later."""
     torque = later(data.torque, samples)[:, data.region]
     return SecondOrderFit(data.fit.motion, torque)
 
 
-def _best_shift(data: FittedEnsemble, realizations: NDArray[np.int64] | slice) -> float:
-    """Return the shift of the torque in samples that leaves least of it in some realizations."""
-    reach = _reach(data)
+def _best_shift(data: FittedEnsemble) -> float:
+    """Return the shift of the torque in samples that leaves least of it, as far as context goes."""
+    reach = min(round(MAX_DELAY_S * data.rate), data.ensemble.context)
+    if reach < 2:
+        raise NotApplicable("the realizations have no context to shift them by")
 
     def explained(shift: float) -> float:
-        return _shifted(data, shift).of(realizations).explained
+        return _shifted(data, shift).explained
 
     whole = max(np.arange(-reach, reach + 1.0), key=explained)
     shift = max(np.clip(whole + FINE_SHIFTS, -reach, reach), key=explained)

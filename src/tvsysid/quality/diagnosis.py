@@ -13,7 +13,7 @@ from tvsysid.numerics.threads import single_thread
 
 # Importing these modules registers their checks, in the order of the report.
 from tvsysid.quality import (
-    amount,
+    amount,  # noqa: F401
     channels,  # noqa: F401
     delays,  # noqa: F401
     realizations,
@@ -60,30 +60,17 @@ class Diagnosis:
         Curves that the figures show.
     ensemble
         Description of the ensemble.
-    remarks
-        Remarks on properties of the data that limit the result but are not faults.
     """
 
     checks: tuple[Finding, ...]
     measures: dict[str, tuple[float, str]]
     curves: Curves
     ensemble: str
-    remarks: tuple[str, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Checks that found a fault."""
         return tuple(check for check in self.checks if check.found)
-
-    @property
-    def uncertain(self) -> tuple[Finding, ...]:
-        """Checks whose value is beyond its limit, but not significant."""
-        return tuple(check for check in self.checks if check.state == "uncertain")
-
-    @property
-    def clean(self) -> bool:
-        """Whether no check found a fault, and none is uncertain."""
-        return not self.findings and not self.uncertain
 
     @property
     def table(self) -> pd.DataFrame:
@@ -100,21 +87,21 @@ class Diagnosis:
     def verdict(self) -> str:
         """Return the result in words, with the number of checks that apply to these data."""
         judged = f"{sum(check.judged for check in self.checks)} of {len(FAULTS)} checks"
-        count, uncertain = len(self.findings), len(self.uncertain)
+        count = len(self.findings)
+        uncertain = sum(check.state == "uncertain" for check in self.checks)
         found = "no fault" if not count else "1 fault" if count == 1 else f"{count} faults"
         return f"{found} found in {judged}{f', {uncertain} uncertain' if uncertain else ''}"
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return a line on uncertain checks, a line on checks not judged, and the remarks."""
-        names = defaultdict[str, list[str]](list)  # of checks that are not judged, by reason
+        """Return a line for each reason why checks are uncertain or not judged."""
+        names = defaultdict[tuple[str, str], list[str]](list)
         for check in self.checks:
-            if not check.judged:
-                names[check.what].append(check.name)
-        unsure = "; ".join(f"{check.name} ({check.strength})" for check in self.uncertain)
-        unknown = "; ".join(f"{', '.join(those)} ({reason})" for reason, those in names.items())
-        lines = {"uncertain": unsure, "not judged": unknown}
-        return *(f"{state}: {text}" for state, text in lines.items() if text), *self.remarks
+            if check.state in ("uncertain", "not judged"):
+                names[check.state, check.what].append(check.name)
+        return tuple(
+            f"{state}: {', '.join(those)} ({what})" for (state, what), those in names.items()
+        )
 
     def __repr__(self) -> str:
         lines = [f"Diagnosis of {self.ensemble}: {self.verdict}"]
@@ -182,8 +169,9 @@ def diagnose(
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 28 of 34 checks not judged:
-    mean-torque, mean-angle (the mean over realizations has been subtracted); clipped-angle (...)
+    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 26 of 32 checks
+    not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)
+    not judged: clipped-angle (the same values of angle come again and again, not only the extremes)
     """
     given = FittedEnsemble.of(ensemble)
     steady = realizations.without_drifting_offsets(given)
@@ -210,7 +198,6 @@ def diagnose(
         _measures(data),
         curves(given),
         description,
-        () if found["narrow-excitation"].found else amount.ringing(given),
     )
 
 

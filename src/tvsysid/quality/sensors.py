@@ -19,7 +19,6 @@ TIE_TOLERANCE = 1e-3  # of a standard deviation
 # Of times with values tied in the middle: relative to those tied at the limits, and by chance.
 MAX_REPEATED_SHARE, CHANCE = 0.5, 0.01
 MIN_MIDDLE_SHARE = 0.2  # of samples within half an RMS; Gaussian numbers have 0.38
-MIN_STEP = 1e-6  # of a standard deviation; smaller differences are rounding
 WINDOW_SAMPLES = 20  # in which losses are looked for
 STILL_SHARE = 0.1  # of the expected power, below which a signal does not move
 LOUD_RATIO = 4.0  # to the usual power of the residual
@@ -82,28 +81,6 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
         f"or lowest {which}"
     )
     return Measured(100 * tied, what)
-
-
-@check(
-    "coarse-angle",
-    "The angle is recorded in coarse steps",
-    "smallest step between values of the angle, over its standard deviation",
-    10,
-    "%",
-    effect="the steps are noise in the angle, mostly in the acceleration: inertia and viscosity "
-    "come out too low, the stiffness a little",
-    remedy="record the angle with a finer converter, or a gain that uses its range; trust only the "
-    "stiffness",
-)
-def coarse_angle(data: FittedEnsemble) -> Measured:
-    """Return the smallest step between values of the angle, which shows before any filter only."""
-    angle = data.given.angle[:, data.given.core]
-    values = np.sort(angle - angle.mean(axis=0), axis=0)
-    size, steps = np.std(values), np.diff(values, axis=0)
-    step = np.min(steps, initial=np.inf, where=steps > MIN_STEP * size)
-    value = 100 * step / size if np.isfinite(step) else 0.0
-    what = f"the angle is recorded in steps of {value:.2g} % of its standard deviation"
-    return Measured(value, what)
 
 
 @check(

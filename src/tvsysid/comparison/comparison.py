@@ -110,7 +110,9 @@ class Comparison:
         return answer(self.ensemble, self.methods, self.models, self.recommendation, held_out)
 
     def __repr__(self) -> str:
-        return "\n".join([f"{', '.join(self.models)} on {self.ensemble!r}", *self.answer.lines])
+        apart = map(": ".join, {**self.skipped, **self.failed}.items())
+        first = f"{', '.join(self.models)} on {self.ensemble!r}"
+        return "\n".join([first, *self.answer.lines, *apart])
 
     def plot(self, title: str = "") -> Figure:
         """Draw the estimates of all methods."""

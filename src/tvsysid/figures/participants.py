@@ -112,36 +112,24 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
     here = of_least_data(results.isel(recording=results.participant.values == participant))
     here = here.transpose("bootstrap", "analysis", "recording", "time", ...)
     methods, time = unique(here.method_key.values), here.time.values
-    has_target = bool(np.isfinite(here.target_torque).any())
-    rows = [(variable, place) for variable in LABELS for place in range(here.sizes["recording"])]
-    labels = [
-        f"{perturbation_name(here.perturbation.values[place])}\n{LABELS[variable]}"
-        for variable, place in rows
-    ]
-    labels += ["torque\n(N·m)"] * has_target
-    figure, grid = style.panels(
-        len(labels),
-        len(methods),
-        max(1.25 * len(methods), 2.6) + 0.84,
-        1.35 * len(labels) + 1.1,
-        title,
-        xlabel="time (s)",
-        ylabels=labels,
-        headings=headings(here, 15),
-        sharex=True,
-        sharey="row",
-    )
-    for row, (variable, place) in zip(grid, rows, strict=False):
-        draws, is_vaf = here[variable].values[:, :, place], variable == "time_varying_vaf"
-        truth = np.nan if is_vaf else here.truth.values[place]
-        style.draw_bands(row, time, draws, methods, truth, 100.0 if is_vaf else np.inf)
-        if is_vaf:
-            row[0].set_ylim(0, 102)
+    rows, cells = [], [here.isel(recording=place) for place in range(here.sizes["recording"])]
+    for variable, label in LABELS.items():
+        is_vaf = variable == "time_varying_vaf"
+        for cell in cells:
+            text = f"{perturbation_name(cell.perturbation.item())}\n{label}"
+            truth = np.nan if is_vaf else cell.truth.values
+            rows.append(style.Row(text, cell[variable].values, truth, is_vaf))
+    if np.isfinite(here.target_torque).any():
+        nothing = np.full((1, len(methods), len(time)), np.nan)
+        rows.append(style.Row("torque\n(N·m)", nothing, here.target_torque.values[0]))
+    width, height = max(1.25 * len(methods), 2.6) + 0.84, 1.35 * len(rows) + 1.1
+    figure = style.blank(width, height, title)
+    grid = style.rows_by_method(figure, rows, methods, headings(here, 15), time)
+    for (first, *_), row in zip(grid[: 2 * len(cells)], rows, strict=False):
+        if row.is_vaf:
+            first.set_ylim(0, 102)
         else:  # one scale for all perturbations
-            stiffness = here.estimate.transpose("analysis", ...).values
-            style.limit_to_usual(row[0], stiffness, here.truth)
-    for axes in grid[-1] if has_target else ():
-        axes.plot(time, here.target_torque[0], **TARGET)
+            style.limit_to_usual(first, here.estimate.transpose("analysis", ...).values, here.truth)
     several = here.sizes["bootstrap"] > 1
     text = "mean over bootstraps ± 2 standard deviations" if several else "the only bootstrap"
     return style.finish(figure, text)

@@ -79,31 +79,23 @@ def method_comparison(
     rows = summary[summary.scenario.isin(compared) & summary.value.notna()]
     names = [name for name in metrics if name in set(rows.metric)]
     quantities = unique(results.quantity.values) if "quantity" in results.dims else ["stiffness"]
-    over_time = [(name, place) for name in (*quantities, "VAF") for place in range(len(shown))]
-    labels = [f"{which[place]}\n" * (len(shown) > 1) + OVER_TIME[name] for name, place in over_time]
+    over_time = []
+    for name in (*quantities, "VAF"):
+        for scenario, text in zip(shown, which, strict=True):
+            label = f"{text}\n" * (len(shown) > 1) + OVER_TIME[name]
+            cell = results.sel(scenario=scenario)
+            if name == "VAF":
+                draws, truth = cell.time_varying_vaf, np.nan
+            else:
+                cell = of_quantity(cell, name)
+                draws, truth = cell.estimate, cell.truth.values
+            draws = draws.transpose("trial", ...).values
+            over_time.append(style.Row(label, draws, truth, name == "VAF"))
     heights = [1.25 * len(over_time) + 0.7, *[1.2 * len(names) + 0.8] * bool(names)]
     figure = style.blank(max(1.5 * len(methods), 3.2) + 0.8, sum(heights) + 0.8, title)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    grid = style.grid_of(
-        parts[0],
-        len(over_time),
-        len(methods),
-        xlabel="time (s)",
-        ylabels=labels,
-        headings=[wrapped(method, 17) for method in methods],
-        sharex=True,
-        sharey="row",
-    )
-    for row, (name, place) in zip(grid, over_time, strict=True):
-        cell = results.sel(scenario=shown[place])
-        if name == "VAF":
-            draws, truth = cell.time_varying_vaf, np.nan
-        else:
-            cell = of_quantity(cell, name)
-            draws, truth = cell.estimate, cell.truth.values
-        highest = 100.0 if name == "VAF" else np.inf
-        draws = draws.transpose("trial", ...).values
-        style.draw_bands(row, cell.time.values, draws, methods, truth, highest)
+    titles = [wrapped(method, 17) for method in methods]
+    style.rows_by_method(parts[0], over_time, methods, titles, results.time.values)
     if names:
         lower = style.grid_of(
             parts[1], len(names), 1, ylabels=[metrics[name] for name in names], sharex=True

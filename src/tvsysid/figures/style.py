@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import ContextDecorator
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_params_from_file
@@ -166,22 +166,33 @@ def curve(
     axes.plot(time, values, markevery=(first, every), rasterized=pixels, **look)
 
 
-def draw_bands(
-    row: Sequence[Axes],
-    time: Array,
-    draws: Array,
-    methods: Sequence[str],
-    truth: ArrayLike = np.nan,
-    highest: float = np.inf,
-) -> None:
-    """Draw truth, and mean ± 2 standard deviations of draws (draw, method, time), by method."""
+class Row(NamedTuple):
+    """Draws (draw, method, time) of a quantity, with its truth; or of a VAF in per cent."""
+
+    label: str
+    draws: Array
+    truth: ArrayLike = np.nan
+    is_vaf: bool = False
+
+
+def rows_by_method(
+    part: Any, rows: Sequence[Row], methods: Sequence[str], headings: Iterable[str], time: Array
+) -> NDArray[Any]:
+    """Draw truth, and mean ± 2 standard deviations of the draws: a column for each method."""
+    words: dict[str, Any] = {"sharex": True, "sharey": "row", "xlabel": "time (s)"}
+    labels = [row.label for row in rows]
+    grid = grid_of(part, len(rows), len(methods), ylabels=labels, headings=headings, **words)
     looks = lines(methods).values()
-    for axes, look, mean, spread in zip(row, looks, *mean_and_spread(draws), strict=True):
-        if np.isfinite(truth).any():
-            axes.plot(time, np.asarray(truth), **TRUE_LINE)
-        band = mean - 2 * spread, np.minimum(mean + 2 * spread, highest)
-        curve(axes, time, mean, band, color=look["color"])
-    limit_to_usual(row[0], draws.swapaxes(0, 1), truth)
+    for beside, row in zip(grid, rows, strict=True):
+        for axes, look, mean, spread in zip(
+            beside, looks, *mean_and_spread(row.draws), strict=True
+        ):
+            if np.isfinite(row.truth).any():
+                axes.plot(time, np.asarray(row.truth), **TRUE_LINE)
+            upper = np.minimum(mean + 2 * spread, 100.0 if row.is_vaf else np.inf)
+            curve(axes, time, mean, (mean - 2 * spread, upper), color=look["color"])
+        limit_to_usual(beside[0], row.draws.swapaxes(0, 1), row.truth)
+    return grid
 
 
 def remark(axes: Axes, text: str) -> None:

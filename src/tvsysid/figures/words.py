@@ -28,11 +28,6 @@ def perturbation_name(perturbation: object) -> str:
     return PERTURBATIONS.get(str(perturbation), str(perturbation))
 
 
-def profile_name(profile: object) -> str:
-    """Return the name of a stiffness profile."""
-    return PROFILES.get(str(profile), str(profile))
-
-
 def count(number: int, word: str) -> str:
     """Return a number with its noun, as in "3 trials"."""
     return f"{number} {word}{'' if number == 1 else 's'}"

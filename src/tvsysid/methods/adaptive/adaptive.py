@@ -19,7 +19,7 @@ from tvsysid.methods.adaptive.signals import (
     Signals,
     select_reflex,
 )
-from tvsysid.methods.cascade.cascade import contradicted
+from tvsysid.methods.cascade.cascade import JointCascade, contradicted
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
@@ -168,7 +168,8 @@ class AdaptiveRegression(base.Method):
         """
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
-        selection = None if model.reflex is None else select_reflex(ensemble, self.emg)
+        reflex, search = model.reflex, JointCascade(emg=self.emg).search(ensemble)
+        selection = None if reflex is None else search.refit(reflex.hyperparameters)
         return self._fit_in_turn(ensemble, selection, model.hypotheses)
 
     def _fit_in_turn(

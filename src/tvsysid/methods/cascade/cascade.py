@@ -12,10 +12,19 @@ import numpy as np
 from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.columns import intrinsic_filters, muscle, readout, unresolved
-from tvsysid.methods.cascade.fit import DELAY, HIGHEST, IS_LOG, LOWEST, NUMBERS, THRESHOLD, Fit
+from tvsysid.methods.cascade.fit import (
+    DELAY,
+    HIGHEST,
+    IS_LOG,
+    LOWEST,
+    NUMBERS,
+    THRESHOLD,
+    Fit,
+    ridge,
+)
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
-from tvsysid.methods.cascade.search import DIRECTIONS, Search, Selection
-from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, StandardError
+from tvsysid.methods.cascade.search import DIRECTIONS, Hyperparameters, Search, Selection
+from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.stretch import FAST
 from tvsysid.signals import Array, Ensemble
@@ -155,6 +164,12 @@ class JointCascade(Method):
         """Return the model of an ensemble."""
         return model_of(repr(self), self.search(ensemble).select())
 
+    def refit(self, ensemble: Ensemble, model: Model) -> Model:
+        """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
+        if isinstance(model, JointCascadeModel) and model.diagnostics.details["reflex_shown"]:
+            return model_of(repr(self), self.search(ensemble).refit(model.hyperparameters))
+        return self.identify(ensemble)
+
     def search(self, ensemble: Ensemble) -> Search:
         """Return the reflexes that may explain the torque of an ensemble."""
         return Search(ensemble, **attrs.asdict(self))
@@ -176,10 +191,12 @@ class JointCascadeModel(TwoPathwayModel):
 
     ``fast_response`` (time, 2) is the viscosity and inertia for the velocity and acceleration
     that the decimated angle lacks (:func:`tvsysid.methods.cascade.columns.unresolved`), if
-    the ensemble keeps the angle as recorded.
+    the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the fit with the
+    reflex whose gain is stated.
     """
 
     fast_response: Array
+    hyperparameters: Hyperparameters
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         found = super()._pathways(ensemble)
@@ -244,6 +261,7 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         reflex_lags=reflex_lags,
         drive=search.drive(name, float(fit.shape[THRESHOLD])),
         fast_response=over_time[:, 1:3],
+        hyperparameters=Hyperparameters(name, data.varies, data.noise, fit.shape, fit.parameters),
         diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
     )
 
@@ -306,7 +324,9 @@ def _details(selection: Selection) -> dict[str, float]:
         del details["threshold"]
     torques = used.torques(used.posterior.mean)
     details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, torques, strict=True)))
-    return details | {"vaf_held_out": 100 * used.share()}
+    if fit.free or not shown:  # else a part of the realizations is fitted again
+        details["vaf_held_out"] = 100 * used.share()
+    return details
 
 
 def _warnings(
@@ -337,9 +357,8 @@ def _warnings(
             f"stiffness of {mean:.1f} N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; "
             "take the difference as an uncertainty, and viscosity and inertia as those of that fit"
         )
-    unlimited = attrs.evolve(fit, positive=None).posterior
-    square = fit.moments.square
-    yield from contradicted((fit.posterior.left - unlimited.left) / square)
+    unlimited = ridge(fit.moments, fit.spread)
+    yield from contradicted((fit.posterior.left - unlimited.left) / fit.moments.square)
     assert gain.standard_error is not None
     if not details["constant"] and 1.96 * np.nanmax(gain.standard_error.values) > np.ptp(
         gain.values[np.isfinite(gain.values)]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Callable
+from functools import cache, cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.linalg import toeplitz
+from scipy.linalg import convolution_matrix, toeplitz
 from scipy.ndimage import correlate1d
 
 from tvsysid.errors import InputError
@@ -28,6 +30,7 @@ FITTED_BAND = (0.5, 15.0)  # Hz, of the second-order fit to the intrinsic respon
 NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
+MAX_SUMMED = 512  # samples of a realization up to which sums over realizations come first
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 
@@ -141,9 +144,22 @@ def convolved(values: Array, response: Array) -> Array:
     return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
 
 
-def dot(columns: Array, others: Array) -> Array:
-    """Return products of columns (column, realization, time)."""
-    return np.asarray(np.tensordot(columns, others, ((1, 2), (1, 2))))
+class Modulated(NamedTuple):
+    """Columns: a signal times functions of time, behind a muscle.
+
+    The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
+    column). Products are sums over realizations first: the columns themselves are not computed.
+    ``weights`` (time, history + time) are those of products with other columns, ``own_weights``
+    (history + time, history + time) those of products among these.
+    """
+
+    signal: Array
+    functions: Array
+    weights: Array
+    own_weights: Array
+
+
+Columns = Array | Modulated  # values (column, realization, time), or what they are made of
 
 
 @attrs.frozen(eq=False)
@@ -154,7 +170,8 @@ class Data:
     and ``times`` of an ensemble are fitted. ``functions`` (time, column) are those of all times by
     which coefficients change; those of a signal begin with the column ``starts``. ``gain`` is the
     basis of the reflex's gain over a ``period`` in s. ``noise`` is the autocorrelation of the
-    noise, from lag 0 on. It weights the samples.
+    noise, from lag 0 on. It weights the samples. If the ``true_noise`` is another one, products of
+    columns are those of the sandwich covariance of the coefficients.
     """
 
     torque: Array
@@ -167,6 +184,7 @@ class Data:
     rows: NDArray[np.int64]
     times: slice
     noise: Array = attrs.field(factory=lambda: np.ones(1))
+    true_noise: Array | None = None
 
     @classmethod
     def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int], lags: int) -> Data:
@@ -204,8 +222,10 @@ class Data:
 
     @property
     def folds(self) -> list[slice]:
-        """Return the realizations of each fold."""
-        return [slice(first, None, FOLDS) for first in range(min(FOLDS, len(self.torque)))]
+        """Return the realizations of each fold, if there are several, and last all of them."""
+        count = len(self.torque)
+        starts = range(min(FOLDS, count) * (count > 1))
+        return [*(slice(start, None, FOLDS) for start in starts), slice(None)]
 
     @property
     def number(self) -> float:
@@ -220,8 +240,9 @@ class Data:
 
     @property
     def bases(self) -> list[Array]:
-        """Return the functions (time, column) of each signal at the fitted times."""
-        return np.split(self.functions[self.times], self.starts[1:], axis=1)
+        """Return the functions (time, column) of torque and signals at the fitted times."""
+        functions = self.functions[self.times]
+        return [np.ones((len(functions), 1)), *np.split(functions, self.starts[1:], axis=1)]
 
     @property
     def varies(self) -> bool:
@@ -234,12 +255,9 @@ class Data:
         functions, starts = self.functions[:, self.starts], list(range(len(self.starts)))
         return attrs.evolve(self, functions=functions, starts=starts, gain=FourierSeries(0))
 
-    def weights(self, true: Array | None = None) -> list[tuple[slice, Array]]:
-        """Return stretches of time, and the weights (time, time) of the samples in each.
-
-        If the noise's ``true`` autocorrelation is another one, products of columns with these
-        weights are those of the sandwich covariance of the coefficients.
-        """
+    @cached_property
+    def windows(self) -> list[tuple[slice, Array]]:
+        """Return stretches of time, and the weights (time, time) of the samples in each."""
         rows, times = self.torque.shape
         edges = np.linspace(0, times, -(-times // MAX_WINDOW) + 1).astype(int).tolist()
         windows = []
@@ -248,53 +266,66 @@ class Data:
             if rows == 1:  # its mean is not known
                 weight = inverse.sum(axis=0)
                 inverse = inverse - np.outer(weight, weight) / weight.sum()
-            if true is not None:
-                inverse = inverse @ _matrix(true, stop - start) @ inverse
+            if self.true_noise is not None:
+                inverse = inverse @ _matrix(self.true_noise, stop - start) @ inverse
             windows.append((slice(start, stop), np.asarray(inverse)))
         return windows
 
-    @cached_property
-    def windows(self) -> list[tuple[slice, Array]]:
-        """Return the weights of the samples."""
-        return self.weights()
+    def weighted(self, values: Array) -> Array:
+        """Return values (…, time) times the weights."""
+        return np.concatenate([values[..., at] @ weights for at, weights in self.windows], axis=-1)
 
-    def weighted(self, values: Array, true: Array | None = None) -> Array:
-        """Return values (…, time) times the weights. See :meth:`weights`."""
-        windows = self.windows if true is None else self.weights(true)
-        return np.concatenate([values[..., at] @ weights for at, weights in windows], axis=-1)
+    def modulated(self, signal: Array, functions: Array, response: Array) -> Columns:
+        """Return a signal (realization, history + time) times functions, behind a response.
 
-    def products(self, further: Array, true: Array | None = None) -> Array:
-        """Return weighted products of torque, intrinsic and further columns in each fold.
-
-        Their shape is (fold, column, column). See :meth:`weights`.
+        The functions have shape (history + time, column). A single column, and those of long
+        realizations, are computed.
         """
-        known = self._own_products if true is None else self._products_of_own(true)
-        weighted, found = self.weighted(further, true), []
-        for own, rows in zip(known, self.folds, strict=True):
-            cross = self._cross(weighted[:, rows], rows)
-            last = dot(further[:, rows], weighted[:, rows])
-            found.append(np.block([[own, cross], [cross.T, last]]))
-        return np.stack(found)
+        times = self.torque.shape[1]
+        if functions.shape[1] <= 1 or times > MAX_SUMMED:
+            return convolved(signal * functions.T[:, None], response)[..., -times:]
+        muscle = convolution_matrix(response, len(functions))[: len(functions)][-times:]
+        weights = self.weighted(muscle.T).T
+        return Modulated(signal, functions, weights, muscle.T @ weights)
 
     @cached_property
-    def _own_products(self) -> list[Array]:
-        return self._products_of_own()
+    def measured(self) -> Array:
+        """Return torque and intrinsic signals (signal, realization, time)."""
+        return np.concatenate([self.torque[None], self.signals])
 
-    def _products_of_own(self, true: Array | None = None) -> list[Array]:
-        """Return weighted products of torque and intrinsic columns in each fold."""
-        found = []
-        for rows in self.folds:
-            parts = zip(self.signals[:, rows], self.bases, strict=True)
-            columns = [signal * basis.T[:, None] for signal, basis in parts]
-            weighted = self.weighted(np.concatenate([self.torque[None, rows], *columns]), true)
-            found.append(self._cross(weighted, rows))
-        return found
+    def sums(self, signals: Array, columns: Columns, rows: slice = slice(None)) -> Array:
+        """Return sums (signal, time, column) over realizations, signals times weighted columns."""
+        if isinstance(columns, Modulated):
+            products = np.tensordot(signals[:, rows], columns.signal[rows], (1, 0))
+            return np.asarray(products * columns.weights @ columns.functions)
+        weighted = self.weighted(columns[:, rows])
+        return np.asarray(np.einsum("srt,krt->stk", signals[:, rows], weighted))
 
-    def _cross(self, weighted: Array, rows: slice) -> Array:
-        """Return products of torque and intrinsic columns of some realizations with columns."""
-        own = [np.einsum("rt,krt->tk", signal[rows], weighted) for signal in self.signals]
-        parts = [basis.T @ each for basis, each in zip(self.bases, own, strict=True)]
-        return np.concatenate([dot(self.torque[None, rows], weighted), *parts])
+    def cross(self, columns: Columns, rows: slice = slice(None)) -> Array:
+        """Return weighted products of torque and intrinsic columns with columns."""
+        parts = zip(self.bases, self.sums(self.measured, columns, rows), strict=True)
+        return np.concatenate([basis.T @ each for basis, each in parts])
+
+    def products(self, further: Columns, fold: int = -1) -> Array:
+        """Return weighted products of torque, intrinsic and further columns in one of the folds."""
+        rows = self.folds[fold]
+        cross = self.cross(further, rows)
+        if isinstance(further, Modulated):
+            signal, functions = further.signal[rows], further.functions
+            last = functions.T @ (signal.T @ signal * further.own_weights) @ functions
+        else:
+            last = self.sums(further, further, rows).sum(axis=1)
+        return np.block([[self._own_products(fold), cross], [cross.T, last]])
+
+    @cached_property
+    def _own_products(self) -> Callable[[int], Array]:
+        """Return the function that gives the products of torque and intrinsic columns in a fold."""
+        changing = zip(self.signals[:2], self.bases[1:3], strict=True)
+        columns = [self.modulated(*each, np.ones(1)) for each in changing]
+        columns = [self.torque[None], *columns, self.signals[2:]]
+        return cache(
+            lambda fold: np.hstack([self.cross(each, self.folds[fold]) for each in columns])
+        )
 
     def features(self, weights: Array) -> Array:
         """Return the weights (time, column) that sum the signals' weighted coefficients."""

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.columns import Data, convolved, deviations, muscle
+from tvsysid.methods.cascade.columns import Columns, Data, convolved, deviations, muscle
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
@@ -78,6 +78,15 @@ class Fit:
     def _tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
         return self.prior.tuned(self.moments, start)
 
+    @cached_property
+    def _parts(self) -> tuple[Array, Array, Array]:
+        """Return the drive, the functions of the gain at the times of arrival, and the muscle."""
+        assert self.drive is not None
+        data, drive = self.data, self.drive(float(self.shape[THRESHOLD]))
+        steps = np.arange(-drive.shape[1], 0) + data.times.stop
+        gain = data.gain((steps / data.rate + float(self.shape[DELAY])) / data.period)
+        return drive, gain, muscle(self.shape, len(steps), data.rate)
+
     def reflex(self, coefficients: Array) -> Array:
         """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
 
@@ -85,12 +94,9 @@ class Fit:
         """
         if self.drive is None:
             return np.zeros((0, *self.data.torque.shape))
-        data, drive = self.data, self.drive(float(self.shape[THRESHOLD]))
-        steps = np.arange(-drive.shape[1], 0) + data.times.stop
-        gain = data.gain((steps / data.rate + float(self.shape[DELAY])) / data.period)
-        response = muscle(self.shape, len(steps), data.rate)
+        drive, gain, response = self._parts
         arriving = drive * (gain @ coefficients).T[:, None]
-        return convolved(arriving, response)[..., -data.torque.shape[1] :]
+        return convolved(arriving, response)[..., -self.data.torque.shape[1] :]
 
     def torques(self, coefficients: Array) -> tuple[Array, Array]:
         """Return intrinsic and reflex torque (realization, time), less their means."""
@@ -102,15 +108,19 @@ class Fit:
         """Return the torque (realization, time) that coefficients leave."""
         return np.asarray(self.data.torque - np.sum(self.torques(coefficients), axis=0))
 
-    @cached_property
+    @property
     def columns(self) -> Array:
         """Return the columns of the reflex (column, realization, time)."""
         return self.reflex(np.eye(2 * self.data.gain.harmonics + 1))
 
     @cached_property
+    def _modulated(self) -> Columns:
+        return self.columns if self.drive is None else self.data.modulated(*self._parts)
+
+    @cached_property
     def products(self) -> Array:
-        """Return the products (fold, column, column) of torque and columns."""
-        return self.data.products(self.columns)
+        """Return the products (column, column) of torque and columns."""
+        return self.data.products(self._modulated)
 
     @cached_property
     def moments(self) -> Moments:
@@ -152,10 +162,10 @@ class Fit:
         NaN if there is a single fold.
         """
         data, left = self.data, np.full_like(self.data.torque, np.nan)
-        for fold, rows in enumerate(data.folds[: len(data.folds) * (len(data.folds) > 1)]):
-            share = 1 - len(left[rows]) / len(left)
-            others = moments_of(np.delete(self.products, fold, 0), share * data.number)
-            mean = ridge(others, self.spread, self.positive).mean
+        for fold, rows in enumerate(data.folds[:-1]):
+            number = len(left[rows]) / len(left) * data.number
+            own = moments_of(data.products(self._modulated, fold), number)
+            mean = ridge(self.moments.without(own), self.spread, self.positive).mean
             left[rows] = self.left(mean)[rows]
         return left
 
@@ -179,13 +189,14 @@ class Fit:
             slopes.append(change[0] / np.sum(ends[1].shape - ends[0].shape))
         return np.array(slopes).reshape(-1, *self.data.torque.shape)
 
-    def moments_with_slopes(self, true: Array | None = None) -> Moments:
-        """Return the moments of all columns, and of the torque's derivatives by the shape.
-
-        With the noise's ``true`` autocorrelation they are those of the sandwich covariance.
-        """
-        further = np.concatenate([self.columns, self.slopes()])
-        return moments_of(self.data.products(further, true), self.data.number)
+    def moments_with_slopes(self, slopes: Array) -> Moments:
+        """Return the moments of all columns, and of the torque's derivatives by the shape."""
+        data = self.data
+        late = data.sums(slopes, self._modulated).sum(axis=1)
+        cross = np.concatenate([data.cross(slopes), late.T])
+        last = data.sums(slopes, slopes).sum(axis=1)
+        products = np.block([[self.products, cross], [cross.T, last]])
+        return moments_of(products, data.number)
 
     @property
     def freedom(self) -> float:
@@ -203,9 +214,10 @@ class Fit:
         weights of the samples, and :math:`\Sigma` the noise's autocovariance within a realization,
         from the residual.
         """
-        left, precision = self.residual, self.precision()
-        inverse = solve(self.moments_with_slopes(), precision).covariance
-        coloured = self.moments_with_slopes(autocorrelation(left, 0.0)).gram
+        left, precision, slopes = self.residual, self.precision(), self.slopes()
+        inverse = solve(self.moments_with_slopes(slopes), precision).covariance
+        data = attrs.evolve(self.data, true_noise=autocorrelation(left, 0.0))
+        coloured = attrs.evolve(self, data=data).moments_with_slopes(slopes).gram
         variance = float(np.sum(left**2)) / self.freedom
         prior = self.posterior.noise_variance * (inverse * precision) @ inverse
         return np.asarray(variance * inverse @ coloured @ inverse + prior)
@@ -222,7 +234,7 @@ class Fit:
         """
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
-            moments, numbers = fit.moments_with_slopes(), fit.shape[free]
+            moments, numbers = fit.moments_with_slopes(fit.slopes()), fit.shape[free]
             away = np.zeros(len(moments.cross))
             away[-len(free) :] = MEAN[free] - numbers
             shifted = moments._replace(cross=moments.cross - moments.gram @ away)
@@ -246,8 +258,8 @@ class Fit:
 
 
 def moments_of(products: Array, number: float) -> Moments:
-    """Return the moments of columns that follow the torque, from products in some folds."""
-    return Moments.of(np.roll(products.sum(axis=0), -1, axis=(0, 1)), number)
+    """Return the moments of columns that follow the torque."""
+    return Moments.of(np.roll(products, -1, axis=(0, 1)), number)
 
 
 def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:

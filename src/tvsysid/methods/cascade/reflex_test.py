@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -124,6 +125,7 @@ def changes(ensemble: Ensemble) -> bool:
     return regression.above(constant, changing)[0] < MAX_P_VALUE
 
 
+@lru_cache(maxsize=1)  # adaptive, cascade and checks ask for the same ensemble
 def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     r"""Test for a stretch reflex by nested models, fitted to all but a block of realizations.
 

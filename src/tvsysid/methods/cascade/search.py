@@ -52,6 +52,16 @@ CACHED_DRIVES = 16  # of the initial thresholds in each direction, and of those 
 DIRECTIONS = {"positive": 1, "negative": -1}
 
 
+class Hyperparameters(NamedTuple):
+    """Settings that determine a fit, except its coefficients."""
+
+    reflex: str
+    varies: bool
+    noise: Array
+    shape: Array
+    parameters: Array
+
+
 class Selection(NamedTuple):
     """Fit with the most likely reflex, and ``used`` fit, which has none if none is shown."""
 
@@ -191,6 +201,12 @@ class Search:
         """Return the fit with a reflex that is shown."""
         fit = self.limited(_refined(fit))
         return Selection(self, name, True, fit, fit)
+
+    def refit(self, known: Hyperparameters) -> Selection:
+        """Return the fit with known hyperparameters, of a reflex that is shown."""
+        data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
+        fit = self._fit(known.reflex, data, known.shape, [], parameters=known.parameters)
+        return Selection(self, known.reflex, True, *[self.limited(fit)] * 2)
 
     def unshown(self, name: str, none: Fit) -> Selection:
         """Return the fit without a reflex, and one with a usual reflex, whose gain it bounds."""

@@ -35,6 +35,12 @@ def test_without_decimation_and_without_context(perturbation):
     assert_clean(subtract_mean(segment(simulated(60.0, perturbation), 2.0, context=0.0)))
 
 
+def coloured(ensemble, random):
+    """Noise of torque below 10 Hz."""
+    white = random.standard_normal(ensemble.torque.shape)
+    return lfilter(*butter(2, 10, fs=100), white, axis=1)
+
+
 @pytest.mark.parametrize(
     ("joint", "perturbation", "duration", "snr_db", "period"),
     [
@@ -76,8 +82,7 @@ def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
     ensemble = cut(simulated(100.0, perturbation, snr_db=20.0))
     burst = np.zeros(ensemble.torque.shape[1])
     burst[100:120] = 1
-    white = np.random.default_rng(3).standard_normal(ensemble.torque.shape)
-    noise = lfilter(*butter(2, 10, fs=100), white, axis=1)
+    noise = coloured(ensemble, np.random.default_rng(3))
     noise *= loudness / noise.std() * np.convolve(burst, np.hanning(11) / 5, "same")
     assert_clean(noisy(ensemble, noise))
 
@@ -86,7 +91,7 @@ def test_bursts_of_voluntary_torque_are_no_losses(perturbation, loudness):
 def test_the_loudest_of_many_realizations_is_not_unlike_them(perturbation):
     ensemble, random = cut(simulated(100.0, perturbation, snr_db=40.0)), np.random.default_rng(4)
     levels = np.exp(0.5 * random.standard_normal((len(ensemble), 1)))
-    noise = lfilter(*butter(2, 10, fs=100), random.standard_normal(ensemble.torque.shape), axis=1)
+    noise = coloured(ensemble, random)
     assert_clean(noisy(ensemble, 0.3 * ensemble.torque.std() / noise.std() * levels * noise))
 
 
@@ -107,10 +112,8 @@ def test_real_records_have_only_true_findings(recordings, record, expected):
 
 
 def test_what_the_data_cannot_show_is_not_judged():
-    diagnosis = tv.diagnose(cut(simulated(60.0, profile="constant")))
-    check = next(each for each in diagnosis.checks if each.name == "misaligned-realizations")
-    assert (check.judged, check.state) == (False, "not judged")
-    assert "stiffness hardly varies" in check.what
+    notes = tv.diagnose(cut(simulated(60.0, profile="constant"))).notes
+    assert any("misaligned-realizations (stiffness hardly varies" in note for note in notes)
 
 
 @perturbed

@@ -125,25 +125,22 @@ class SecondOrderFit:
         return self.whitened(self.residual)
 
     @cached_property
-    def correction(self) -> SecondOrderFit:
-        """Correction of the fit, in shares of it, by the whitened residual."""
-        return SecondOrderFit(self.white_parts, self.white_residual)
-
-    @cached_property
-    def own_moments(self) -> tuple[Array, Array]:
+    def own_moments(self) -> tuple[Array, Array, Array]:
         """Second moments in each realization, whitened: of the parts, and with the residual.
 
-        Their shapes are (realization, 3, 3) and (realization, 3).
+        Their shapes are (realization, 3, 3) and (realization, 3). The last are inverses of the
+        former.
         """
         parts = self.white_parts.transpose(1, 0, 2)
-        return parts @ parts.transpose(0, 2, 1), (parts @ self.white_residual[..., None])[..., 0]
+        grams = parts @ parts.transpose(0, 2, 1)
+        inverses = np.asarray(np.linalg.pinv(grams, hermitian=True), float)
+        return grams, (parts @ self.white_residual[..., None])[..., 0], inverses
 
     @property
     def relative_stiffness(self) -> Array:
         """Stiffness of each realization over the median, shape (realization,)."""
-        grams, moments = self.own_moments
-        inverse = np.linalg.pinv(grams, hermitian=True)
-        return over_usual(1 + np.einsum("rb,rb->r", inverse[:, 0], moments), 0.5)
+        _, moments, inverses = self.own_moments
+        return over_usual(1 + np.einsum("rb,rb->r", inverses[:, 0], moments), 0.5)
 
     @property
     def relative_noise(self) -> Array:
@@ -228,8 +225,13 @@ class FittedEnsemble:
 
     @property
     def region(self) -> slice:
-        """Samples that are fitted: those with known derivatives, context counted."""
-        return known_region(self.ensemble.samples, self.ensemble.context)
+        """Samples that are fitted, context counted: all but those at the edges of a record.
+
+        Their derivatives are known.
+        """
+        context = self.ensemble.context
+        margin = max(context, HALF_WIDTH)
+        return slice(margin, max(margin, self.ensemble.samples + 2 * context - margin))
 
     @cached_property
     def fit(self) -> SecondOrderFit:
@@ -291,15 +293,6 @@ def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
     values = fit.impedance[0]
     influence = (cross - grams @ values) @ fit.inverse[0]
     return values, np.sqrt(np.sum(influence**2, axis=0) * count / (count - 1))
-
-
-def known_region(samples: int, context: int) -> slice:
-    """Return the samples, context counted, whose derivatives are known.
-
-    These are all samples but those at the edges of a record.
-    """
-    margin = max(context, HALF_WIDTH)
-    return slice(margin, max(margin, samples + 2 * context - margin))
 
 
 def lowered(ensemble: Ensemble) -> Ensemble:

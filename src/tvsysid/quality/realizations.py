@@ -55,7 +55,7 @@ BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a be
 def drift(data: FittedEnsemble) -> Measured:
     """Compare the stiffness of the second half with that of the first."""
     data.require(2 * MIN_TESTED_REALIZATIONS)
-    grams, moments = data.fit.own_moments
+    grams, moments, _ = data.fit.own_moments
     influences = [
         moments[half] @ np.linalg.pinv(grams[half].sum(axis=0), hermitian=True)[:, 0]
         for half in data.halves
@@ -142,20 +142,18 @@ def without_drifting_offsets(data: FittedEnsemble) -> FittedEnsemble:
 def unlike_realizations(data: FittedEnsemble) -> Measured:
     """Count realizations of other stiffness, response or noise that are not only misaligned."""
     data.require()
-    fit, (grams, moments) = data.fit, data.fit.own_moments
-    stiffness, noise = fit.relative_stiffness, fit.relative_noise
+    fit, noise = data.fit, data.fit.relative_noise
+    grams, moments, inverses = fit.own_moments
     whole = np.maximum(grams.sum(axis=(1, 2)), TINY)
     # The stiffness of a realization that hardly moved, or is loud, is uncertain.
     error = np.sqrt(np.mean(fit.white_residual**2)) * np.maximum(noise, 1)
-    uncertainty = error * np.sqrt(np.linalg.pinv(grams, hermitian=True)[:, 0, 0])
+    uncertainty = error * np.sqrt(inverses[:, 0, 0])
     response = 1 + moments.sum(axis=1) / whole
     # Voluntary torque differs between realizations; the loudest of many is not unlike the others.
     level = np.log(np.maximum(noise, TINY))
-    outlying = (
-        _is_outlying(stiffness, MIN_CHANGE, uncertainty)
-        | _is_outlying(response, MIN_RESPONSE_CHANGE, error / np.sqrt(whole))
-        | _is_outlying(level, math.log(MIN_NOISE_RATIO))
-    )
+    outlying = _is_outlying(fit.relative_stiffness, MIN_CHANGE, uncertainty)
+    outlying |= _is_outlying(response, MIN_RESPONSE_CHANGE, error / np.sqrt(whole))
+    outlying |= _is_outlying(level, math.log(MIN_NOISE_RATIO))
     outlying[list(data.finding("misaligned-realizations").realizations)] = False
     found = indices(outlying)
     what = f"{len(found)} of {len(data)} realizations are outliers"
@@ -305,10 +303,11 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     """
     ensemble, fit, count = data.ensemble, data.fit, len(data)
     data.require()
-    frequencies, coherent, power = lines(fit.correction.residual * fit.white_parts[0], ensemble)
+    left = SecondOrderFit(fit.white_parts, fit.white_residual).residual
+    frequencies, coherent, power = lines(left * fit.white_parts[0], ensemble)
     # Inertia is constant. A line that is even stronger in it is a PRBS' clock beating with the
     # sampling.
-    beating = lines(fit.correction.residual * fit.white_parts[2], ensemble)[1]
+    beating = lines(left * fit.white_parts[2], ensemble)[1]
     width = 2 * round(1 / RESOLUTION) + 1
     is_beat = uniform_filter1d(beating, width) > BEAT_RATIO * uniform_filter1d(coherent, width)
     given, longest = ensemble.duration, _longest(ensemble)
@@ -359,4 +358,4 @@ def lines(scores: Array, ensemble: Ensemble) -> tuple[Array, Array, Array]:
         spectra[ensemble.trials == each].sum(axis=0) for each in np.unique(ensemble.trials)
     ]
     power = np.sum(np.abs(of_trials) ** 2, axis=0)
-    return frequencies, power / np.maximum(alone, np.finfo(float).tiny), power
+    return frequencies, power / np.maximum(alone, TINY), power

@@ -60,8 +60,13 @@ def gains(target: Array, regressors: Array) -> Array:
     return gain
 
 
-def gained_share(target: Array, regressors: Array) -> float:
-    """Return the share of a signal that regressors predict in held-out realizations."""
+def gained_share(target: Array, regressors: Array, known: Array | None = None) -> float:
+    """Return the share of a signal that regressors predict in held-out realizations.
+
+    With ``known`` regressors, it is that of what these leave of both.
+    """
+    if known is not None:
+        target, regressors = without(target, known), without(regressors, known)
     return float(gains(target, regressors).sum() / (np.sum(target**2) + TINY))
 
 

@@ -136,8 +136,7 @@ def _require_leading(data: FittedEnsemble, channel: str) -> None:
         lagged(each, range(-reach, reach + 1), *ends) for each in (data.torque, data.angle)
     )
     middle = values[:, slice(*ends)]
-    alone, beyond = gained_share(middle, torques), without(middle, torques)
-    if not gained_share(beyond, without(angles, torques)) > alone:
+    if not gained_share(middle, angles, torques) > gained_share(middle, torques):
         raise NotApplicable(f"{channel!r} is the torque")
     leads, follows = _predicted(data.angle, values), _predicted(values, data.angle)
     if leads < MIN_LEAD or follows > MAX_FOLLOW:
@@ -148,11 +147,8 @@ def _predicted(signal: Array, cause: Array) -> float:
     """Return the share of a signal, unpredicted by its own past, that a cause's past predicts."""
     own, lags = AHEAD + np.arange(ANGLE_PAST), AHEAD + np.arange(0, CAUSE_PAST, 2)
     start, stop = own[-1], signal.shape[1]
-    past = lagged(signal, own, start, stop)
-    target, causes = (
-        without(each, past) for each in (signal[:, start:], lagged(cause, lags, start, stop))
-    )
-    return gained_share(target, causes)
+    causes, past = lagged(cause, lags, start, stop), lagged(signal, own, start, stop)
+    return gained_share(signal[:, start:], causes, past)
 
 
 @check(

@@ -22,15 +22,20 @@ from tvsysid.preprocess import decimate, segment
 from tvsysid.signals import Array, Ensemble
 
 DURATION_S = 150.0  # of a simulated record
-CONSTANT = simulate.Constant(100.0)
-AT_OTHER_RATE = (4, simulate.SineWave(period=1.5), 128.0, 1.5)
+CONSTANT_STIFFNESS = simulate.Constant(100.0)
+OTHER_RATE: dict[str, Any] = {
+    "seed": 4,
+    "stiffness": simulate.SineWave(period=1.5),
+    "rate": 128.0,
+    "period": 1.5,
+}
 
 
 @attrs.frozen
 class Check:
-    """Result of one check: its name, whether the method passed, and what happened.
+    """Result of one check.
 
-    If the method failed, the message says what to do.
+    The message says what happened and, if the method failed, what to do.
     """
 
     name: str
@@ -39,10 +44,10 @@ class Check:
 
 
 def check_method(method: Method) -> list[Check]:
-    """Check a method on simulated joints of known stiffness, which have the channels of its inputs.
+    """Check a method on simulated joints of known stiffness.
 
-    An exception of the method makes a check fail, and is not raised. If the method does not
-    identify the first joint, no other check is run.
+    The joints have the channels that the method reads. An exception in the method makes a check
+    fail, and is not raised. If the method does not identify the first joint, the checks end.
 
     Examples
     --------
@@ -51,16 +56,16 @@ def check_method(method: Method) -> list[Check]:
     True
     """
     results: list[Check] = []
-    first = cache(lambda: Trial.of(method))
+    identify_first = cache(lambda: Trial.of(method))
     with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
-        for judge in CHECKS:
+        for check in CHECKS:
             try:
-                passed, happened, advice = judge(first())
+                passed, happened, advice = check(identify_first())
                 message = happened if passed else f"{happened}; {advice}"
             except Exception as error:
                 passed, message = False, describe_error(error)
-            results.append(Check(judge.__name__.replace("_", " "), bool(passed), message))
+            results.append(Check(check.__name__.replace("_", " "), bool(passed), message))
             if not results[0].passed:
                 break
     return results
@@ -68,9 +73,10 @@ def check_method(method: Method) -> list[Check]:
 
 @attrs.frozen
 class Trial:
-    """A method's model of a simulated joint, whose stiffness and noiseless torques are known.
+    """Model that a method identified from a simulated joint with known stiffness.
 
-    ``truth`` is the stiffness over time, and each torque has the shape (realization, time).
+    ``truth`` is the true stiffness over time. ``torques`` holds the noiseless torque of each
+    pathway, shape (realization, time).
     """
 
     ensemble: Ensemble
@@ -84,40 +90,44 @@ class Trial:
         cls,
         method: Method,
         seed: int = 1,
-        stiffness: simulate.Profile = CONSTANT,
+        stiffness: simulate.Profile = CONSTANT_STIFFNESS,
         rate: float = 100.0,
         period: float = 2.0,
         context: float = 0.5,
         system: str = "",
         duration: float | None = None,
     ) -> Trial:
-        """Let a method identify a joint, of 100 N·m/rad on average. Times are in s, rates in Hz."""
+        """Simulate a joint and identify it with a method. Times are in s, the rate is in Hz."""
         kinds = {item.kind for item in method.inputs}
-        usual = "compliant" if "reference" in kinds else "scheduled" if kinds else "joint"
-        joint = resolve(system or method.system or usual, simulate.SYSTEMS, "system")
-        shaken = resolve(method.perturbation or "noise", simulate.PERTURBATIONS, "perturbation")
-        made = attrs.evolve(joint, stiffness=stiffness).simulate(
-            duration or DURATION_S, perturbation=shaken, snr_db=30.0, seed=seed, rate=8 * rate
+        default = "compliant" if "reference" in kinds else "scheduled" if kinds else "joint"
+        joint = resolve(system or method.system or default, simulate.SYSTEMS, "system")
+        perturbation = resolve(
+            method.perturbation or "noise", simulate.PERTURBATIONS, "perturbation"
+        )
+        simulation = attrs.evolve(joint, stiffness=stiffness).simulate(
+            duration or DURATION_S, perturbation=perturbation, snr_db=30.0, seed=seed, rate=8 * rate
         )
 
         def cut(**signals: Any) -> Ensemble:
-            recording = decimate(attrs.evolve(made.recording, **signals), rate)
+            recording = decimate(attrs.evolve(simulation.recording, **signals), rate)
             return segment(recording, period, context)
 
         names = [item.name for item in method.inputs]
-        ensemble = cut(channels=dict(zip(names, made.recording.channels.values(), strict=False)))
+        ensemble = cut(
+            channels=dict(zip(names, simulation.recording.channels.values(), strict=False))
+        )
         torques = {
             pathway: cut(torque=torque).torque[:, ensemble.core]
-            for pathway, torque in made.pathways.items()
+            for pathway, torque in simulation.pathways.items()
         }
-        truth = made.truth_of(ensemble)["stiffness"].mean(axis=0)
+        truth = simulation.truth_of(ensemble)["stiffness"].mean(axis=0)
         return cls(ensemble, truth, torques, method, method.identify(ensemble))
 
 
-Outcome = tuple[bool, str, str]  # whether a check holds, what happened, and advice if it does not
+Judgement = tuple[bool, str, str]  # whether the check passed, what happened, and advice if not
 
 
-def identifies_a_joint(trial: Trial) -> Outcome:
+def identifies_a_joint(trial: Trial) -> Judgement:
     """Identify stiffness at most times."""
     unknown = 100 * np.isnan(trial.model.stiffness).mean()
     names = ", ".join(["angle", "torque", *trial.ensemble.channels])
@@ -125,25 +135,29 @@ def identifies_a_joint(trial: Trial) -> Outcome:
     return unknown <= 50, f"from {names} of {trial.ensemble!r}", advice
 
 
-def estimates_what_it_declares(trial: Trial) -> Outcome:
-    """Find all quantities and pathways in the model."""
+def estimates_what_it_declares(trial: Trial) -> Judgement:
+    """Find all declared quantities and pathways in the model."""
     method, found = trial.method, [*trial.model.estimates, *trial.model.pathways(trial.ensemble)]
     declared = {*method.quantities, *method.pathway_names}
     missing = sorted(declared.difference(found))
-    return not missing, ", ".join(found), f"the method declares {', '.join(missing)} too"
+    return (
+        not missing,
+        ", ".join(found),
+        f"missing: {', '.join(missing)}. Estimate them, or do not declare them",
+    )
 
 
-def separates_intrinsic_and_reflex_torque(trial: Trial) -> Outcome:
+def separates_intrinsic_and_reflex_torque(trial: Trial) -> Judgement:
     """Compare the torque of each pathway with the truth."""
     if "reflex" not in trial.method.pathway_names:
-        return True, "it has no reflex pathway", ""
+        return True, "the method has no reflex pathway", ""
     trial = Trial.of(trial.method, system="reflex")
     found = trial.model.pathways(trial.ensemble)
     share = min(mean_of(vaf(torque, found[name])) for name, torque in trial.torques.items())
     return share > 50, f"VAF {share:.1f} % or more of each pathway", "expected more than 50 %"
 
 
-def recovers_a_constant_stiffness(trial: Trial) -> Outcome:
+def recovers_a_constant_stiffness(trial: Trial) -> Judgement:
     """Compare the mean stiffness with the truth."""
     mean = mean_of(trial.model.stiffness)
     return (
@@ -154,7 +168,7 @@ def recovers_a_constant_stiffness(trial: Trial) -> Outcome:
     )
 
 
-def predicts_the_torque(trial: Trial) -> Outcome:
+def predicts_the_torque(trial: Trial) -> Judgement:
     """Predict other data of the joint."""
     other = Trial.of(trial.method, seed=3, duration=40.0)
     torque = np.sum([*other.torques.values()], axis=0)
@@ -162,14 +176,15 @@ def predicts_the_torque(trial: Trial) -> Outcome:
     return (
         share > 80,
         f"VAF {share:.1f} % of the noiseless torque in other data",
-        "expected more than 80 %. Does it include viscosity and inertia? Is it aligned in time?",
+        "expected more than 80 %. Does the torque include viscosity and inertia? Is it "
+        "aligned in time?",
     )
 
 
-def follows_a_changing_stiffness(trial: Trial) -> Outcome:
+def follows_a_changing_stiffness(trial: Trial) -> Judgement:
     """Follow a sine wave of stiffness."""
     if trial.method.time_invariant:
-        return True, "it assumes a constant joint (time_invariant = True)", ""
+        return True, "the method assumes a constant joint (time_invariant = True)", ""
     trial = Trial.of(trial.method, 2, simulate.SineWave())
     error = np.sqrt(np.nanmean((trial.model.stiffness - trial.truth) ** 2))
     return (
@@ -180,30 +195,30 @@ def follows_a_changing_stiffness(trial: Trial) -> Outcome:
     )
 
 
-def gives_the_same_numbers_in_a_worker(trial: Trial) -> Outcome:
-    """Repeat the first identification by a copy of the method, which has met other joints since."""
+def gives_the_same_numbers_in_a_worker(trial: Trial) -> Judgement:
+    """Identify the first joint again, by a copy of the method that has identified other joints."""
     again = Trial.of(cloudpickle.loads(cloudpickle.dumps(trial.method)))
     same = np.allclose(again.model.stiffness, trial.model.stiffness, 1e-9, 0.0, equal_nan=True)
     return (
         same,
         f"{'the same' if same else 'another'} stiffness the second time",
         "give random numbers a fixed seed, keep all settings in the object itself, and keep "
-        "nothing from one call to the next",
+        "no results between calls",
     )
 
 
-def scales_with_the_torque(trial: Trial) -> Outcome:
+def scales_with_the_torque(trial: Trial) -> Judgement:
     """Identify ten times the torque."""
-    louder = trial.method.identify(attrs.evolve(trial.ensemble, torque=10 * trial.ensemble.torque))
-    ratio = mean_of(louder.stiffness) / mean_of(trial.model.stiffness)
+    scaled = trial.method.identify(attrs.evolve(trial.ensemble, torque=10 * trial.ensemble.torque))
+    ratio = mean_of(scaled.stiffness) / mean_of(trial.model.stiffness)
     happened = f"ten times the torque gave {ratio:.3g} times the stiffness"
-    advice = "expected 10. Does a threshold or a prior hold for one size of torque only?"
+    advice = "expected 10. Does a threshold or prior suit only one scale of torque?"
     return 9.5 < ratio < 10.5, happened, advice
 
 
-def works_at_another_rate_and_length(trial: Trial) -> Outcome:
+def works_at_another_rate_and_length(trial: Trial) -> Judgement:
     """Identify at 128 Hz and 1.5 s."""
-    other = Trial.of(trial.method, *AT_OTHER_RATE)
+    other = Trial.of(trial.method, **OTHER_RATE)
     other.model.predict(other.ensemble)  # raises if the model has another rate
     mean = mean_of(other.model.stiffness)
     return (
@@ -214,10 +229,10 @@ def works_at_another_rate_and_length(trial: Trial) -> Outcome:
     )
 
 
-def works_without_context(trial: Trial) -> Outcome:
-    """Compare the stiffness near the ends of realizations without context with the truth."""
+def works_without_context(trial: Trial) -> Judgement:
+    """Compare the stiffness near the ends of realizations with the truth, without context."""
     try:
-        trial = Trial.of(trial.method, *AT_OTHER_RATE, context=0.0)
+        trial = Trial.of(trial.method, **OTHER_RATE, context=0.0)
     except InputError as refusal:
         return True, f"refused: {refusal}", ""
     error = np.abs(trial.model.stiffness - trial.truth)
@@ -229,7 +244,7 @@ def works_without_context(trial: Trial) -> Outcome:
     )
 
 
-def takes_or_refuses_few_realizations(trial: Trial) -> Outcome:
+def takes_or_refuses_few_realizations(trial: Trial) -> Judgement:
     """Identify three realizations, and one."""
     results = []
     for count in (3, 1):
@@ -237,7 +252,7 @@ def takes_or_refuses_few_realizations(trial: Trial) -> Outcome:
         with suppress(InputError):
             trial.method.identify(few).predict(few)
             results.append(count)
-    return True, f"it takes {' and '.join(map(str, results)) or 'neither 3 nor 1'}", ""
+    return True, f"it identifies {' and '.join(map(str, results)) or 'neither 3 nor 1'}", ""
 
 
 CHECKS = (

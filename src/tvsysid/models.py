@@ -48,7 +48,7 @@ class StandardError:
         Arc length of the normalised estimate over time, for simultaneous bands (see
         :func:`tvsysid.numerics.bands.simultaneous_value`).
     absent
-        Reason why there is no standard error at any time. Empty if there is one.
+        Reason why the standard error is unknown at all times. Empty if it is known.
     """
 
     values: Array = attrs.field(converter=to_array)
@@ -154,8 +154,9 @@ class Estimate:
         level
             Probability, between 0 and 1, with which the band contains the true value.
         simultaneous
-            Whether the band contains the true curve at all times at once with this probability, or
-            at each single time. See :func:`tvsysid.numerics.bands.simultaneous_value`.
+            If True, the band contains the whole true curve with this probability. If False, it
+            contains the true value at each single time. See
+            :func:`tvsysid.numerics.bands.simultaneous_value`.
 
         Warns
         -----
@@ -269,7 +270,8 @@ class Model:
             Values along each axis of the estimates, except time and realization.
         pathways
             Function that returns the torque of each pathway for an ensemble, each of shape
-            (realization, time). Without it, the torque is that of stiffness, viscosity and inertia.
+            (realization, time). By default, stiffness, viscosity and inertia
+            give the torque.
         parameters
             Effective number of parameters.
         """
@@ -306,7 +308,7 @@ class Model:
         return self.over_time("inertia")
 
     def over_time(self, quantity: str) -> Array:
-        """Return an estimate over time, shape (time,), NaN if there is none over time.
+        """Return an estimate over time, shape (time,). NaN if the quantity has none.
 
         If each realization has its own estimate, return their mean.
         """
@@ -318,7 +320,7 @@ class Model:
     def limits(self, quantity: str) -> Array:
         """Return the limits of the 95 % band of an estimate over time, shape (2, time).
 
-        NaN where there is none. The mean of several realizations has none.
+        NaN where there is no band. The mean over realizations has no band.
         """
         estimate, shape = self.estimates.get(quantity), (2, len(self.time))
         if estimate is None or estimate.axes not in OVER_TIME:
@@ -367,10 +369,8 @@ class Model:
         return torques
 
     def __repr__(self) -> str:
-        known, (lower, upper) = (
-            self.stiffness[np.isfinite(self.stiffness)],
-            self.limits("stiffness"),
-        )
+        known = self.stiffness[np.isfinite(self.stiffness)]
+        lower, upper = self.limits("stiffness")
         span, band = "unknown", mean_of(upper - lower) / 2
         if known.size:
             span = f"{known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average"
@@ -385,7 +385,7 @@ class Model:
 
     def plot(self, title: str = "", ax: Axes | None = None) -> Figure | SubFigure:
         """Draw the estimates over time, or, if ``ax`` is given, the stiffness into these axes."""
-        from tvsysid.figures import draw_quantity, plot  # noqa: PLC0415  # figures stand above
+        from tvsysid.figures import draw_quantity, plot  # noqa: PLC0415  # figures import models
 
         if ax is None:
             return plot(self, title)
@@ -397,10 +397,10 @@ class Model:
         """Return all results as an xarray.Dataset, with units as attributes.
 
         The names of an estimate's standard error and degrees of freedom end with
-        ``_standard_error`` and ``_freedom``. Those of the limits of its 95 % band end with
-        ``_lower`` and ``_upper``. If an ensemble is given, the dataset also holds its predicted
-        torque, named ``torque_`` plus the pathway. A frequency response is complex;
-        :func:`tvsysid.recordings.write_models` splits it.
+        ``_standard_error`` and ``_freedom``. The names of its 95 % limits end with ``_lower`` and
+        ``_upper``. If an ensemble is given, the dataset also holds its predicted torque, named
+        ``torque_`` plus the pathway. A frequency response is complex. To split it into real
+        numbers, use :func:`tvsysid.recordings.write_models`.
         """
         return to_dataset(self, ensemble)
 

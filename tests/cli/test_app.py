@@ -54,7 +54,7 @@ def test_without_a_command_the_help_is_shown(tvsysid):
         (f"identify joint.mat {SIGNALS}", "--period is missing: the duration of one repetition"),
         ("identify joint.mat --angle angle --rate 1000", "torque is missing; add --torque."),
         ("identify", "FILE requires an argument (see tvsysid identify --help)"),
-        (IDENTIFY_JOINT + "--angle pos", "no channel 'pos'; it holds angle (40000 x 1, 1000 Hz)"),
+        (IDENTIFY_JOINT + "--angle pos", "no channel 'pos'; the file holds angle (40000 x 1"),
         (IDENTIFY_JOINT + "--torque-sign 3", "for --torque-sign. Choose from: 1, -1 (see tvsysid"),
         (IDENTIFY_JOINT + "--torque angle", "angle and torque are both 'angle'; name the"),
         (IDENTIFY_JOINT + "--out joint.mat", "tvsysid: joint.mat: File exists"),
@@ -94,7 +94,7 @@ def test_errors_are_one_line(tvsysid, command, message):
 @pytest.mark.parametrize(
     ("error", "code", "message"),
     [
-        (KeyboardInterrupt(), 130, "interrupted; finished work is kept, and the same command"),
+        (KeyboardInterrupt(), 130, "interrupted. Finished work is kept. To resume a study"),
         (MemoryError(), 2, "not enough memory"),
         (OSError(28, "No space left on device", "out.csv"), 2, "out.csv: No space left on device"),
     ],

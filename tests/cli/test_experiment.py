@@ -69,7 +69,7 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     code, _, err = tvsysid("experiment study.toml --out found")
     # What could not be done makes the exit code 1, and what could is there.
     assert code == 1
-    assert "anna-noise: trial3.mat is left out: no channel 'torque'; it holds angle" in err
+    assert "anna-noise: trial3.mat is left out: no channel 'torque'; the file holds angle" in err
     assert "bert-noise: nobody*.mat is left out: no such file" in err
     assert "bert-noise: no trial can be used" in err
     table = pd.read_csv(tmp_path / "found" / "stiffness.csv").dropna(subset="stiffness")

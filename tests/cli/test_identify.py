@@ -146,7 +146,7 @@ def test_settings_from_the_data(identify, tmp_path, request):
     for _, rows in pd.read_csv("tvsysid-identify/tuning.csv").groupby("method"):
         assert rows.value[rows.chosen].item() == rows.value.max()
     assert (tmp_path / "tvsysid-identify" / "tuning.png").is_file()
-    (again,) = (line for line in out.splitlines() if line.startswith("the same settings again: "))
+    (again,) = (line for line in out.splitlines() if line.startswith("to repeat these settings: "))
     tuned = written()
     request.getfixturevalue("undrawn")
     assert identify(again.partition(": ")[2])[0] == 0
@@ -164,7 +164,7 @@ def test_a_folder_of_recordings_is_one_table_and_one_page(tvsysid, tmp_path):
     tvsysid(f"inspect people/anna.mat {IDENTIFY} --save")
     code, out, err = tvsysid("identify people --method sds")
     assert code == 1
-    assert err == "error: notes.csv: no channel 'angle'; it holds age (1)\n"
+    assert err == "error: notes.csv: no channel 'angle'; the file holds age (1)\n"
     assert [row[:2] for row in rows_of(out)[-3:-1]] == [["anna.mat", "sds"], ["bert.mat", "sds"]]
     page = (tmp_path / "tvsysid-identify" / "report.html").read_text()
     assert "Stiffness of 2 recordings" in page

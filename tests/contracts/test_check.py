@@ -102,7 +102,7 @@ def test_good_methods_pass(method):
         (
             declares(quantities=("reflex_gain",), pathway_names=("intrinsic", "reflexx")),
             "estimates what it declares",
-            "the method declares reflex_gain, reflexx too",
+            "missing: reflex_gain, reflexx. Estimate them",
         ),
         (spoiled(np.radians), "recovers a constant stiffness", "mean 1.75 N·m/rad"),
         (

@@ -172,7 +172,7 @@ def _limit(folder):
     os.dup2(os.open(folder / "printed.txt", os.O_CREAT | os.O_RDWR | os.O_APPEND), 2)
     os.dup2(2, 1)
     resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
-    worker.WAIT_S = 3.0  # so small a file need not wait for its end
+    worker.TIMEOUT_S = 3.0  # so small a file need not wait for its end
 
 
 def attack(folder, sound, reader, seed, numbers):

@@ -40,7 +40,7 @@ def test_units_and_sign(mat, signals):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"angle": "angle"}, r"no channel 'angle'; it holds pos \(40 x 3\), tq \(40 x 3\), note"),
+        ({"angle": "angle"}, r"no channel 'angle'; the file holds pos \(40 x 3\), tq \(40 x 3\)"),
         ({"angle": "note"}, "ankle.mat: note: expected real numbers"),
         ({"torque": "rate"}, r"lengths or trials: pos \(40 x 3\), rate \(1 x 1\)"),
         ({"angle_unit": "grad"}, "angle_unit must be one of 'rad', 'deg', got 'gra"),
@@ -48,11 +48,11 @@ def test_units_and_sign(mat, signals):
         ({"columns": "rows"}, "columns must be one of 'contiguous', 'trials', got 'rows'"),
         ({"sampling_rate": 0.0}, "sampling_rate must be a positive number"),
         ({"sampling_rate": None}, "sampling_rate is missing; add --rate"),
-        ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; it holds pos"),
+        ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; the file holds pos"),
         ({"channels": ["emg"]}, "--channel emg: expected NAME=CHANNEL"),
         ({"channels": ["emg=a", "emg=b"]}, "--channel emg=a emg=b: .*each name once"),
         ({"torque": "pos"}, "angle and torque are both 'pos'; name the channel of each"),
-        ({"channels": {"torque": "angle"}}, "angle and torque are names of signals"),
+        ({"channels": {"torque": "angle"}}, "the names angle and torque are taken"),
     ],
 )
 def test_a_wrong_request_is_refused(mat, settings, message):
@@ -138,6 +138,6 @@ def test_trials_that_cannot_be_used_are_left_out(tmp_path, random):
     names = [f"{name}, trial {number}" for name in "abc" for number in (1, 2)]
     assert [*usable.names] == [name for name in names if name != "a, trial 2"]
     assert usable.refused["a, trial 2"].startswith("angle: 1 of 50 values are NaN")
-    assert usable.refused["d, trial 2"].startswith("it lasts 0.2 s, less than the 0.5 s that a")
+    assert usable.refused["d, trial 2"].startswith("the trial lasts 0.2 s, less than the 0.5 s")
     assert usable.refused["e"] == "no such file"
     assert len(usable.recording.trials) == 5

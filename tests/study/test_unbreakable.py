@@ -130,7 +130,7 @@ def test_interrupted_with_a_key_and_gone_on_with(tmp_path, start, uninterrupted)
         *before, last = interrupt(process, number).splitlines()
         told = f"resuming: {already} of {TOTAL} tasks are done already"
         assert before == [told] * bool(already)
-        assert last.startswith("tvsysid: interrupted; finished work is kept")
+        assert last.startswith("tvsysid: interrupted. Finished work is kept")
     resumed_to_the_last_bit(tmp_path, uninterrupted)
 
 
@@ -143,7 +143,7 @@ def test_a_method_that_hangs_can_be_interrupted(tmp_path, start):
     wait_for((tmp_path / "begun").exists)
     workers = children_of(process.pid)
     assert len(workers) >= 2
-    assert "interrupted; finished work is kept" in interrupt(process)
+    assert "interrupted. Finished work is kept" in interrupt(process)
     wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
 
 

@@ -1,4 +1,4 @@
-"""The program `tvsysid`: its commands, its errors and its exit codes."""
+"""Run the command line `tvsysid`, and turn errors into messages and exit codes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COMMANDS = (
     *("benchmark", "leaderboard", "experiment", "report", "identify", "explore", "inspect"),
     *("methods", "check_method", "simulate", "plan"),
 )
-INTERRUPTED = "interrupted; finished work is kept, and the same command resumes a study"
+INTERRUPTED = "interrupted. Finished work is kept. To resume a study, run the same command again"
 
 
 app = App(
@@ -48,16 +48,16 @@ for command in COMMANDS:
 
 def main() -> None:
     """Run the command line, and exit with 2 after a mistake and 130 after an interruption."""
-    # A cluster ends a job by SIGTERM. A study is interrupted by it in order, and can be resumed.
+    # A cluster ends a job by SIGTERM. Handle it like Ctrl-C, so that a study can be resumed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal may lack ± and ·
-    # Methods use one thread of BLAS. To start and stop the others takes a tenth of the time.
+    # Methods use one BLAS thread. Starting and stopping more would take 10 % of the time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.simplefilter("once", DataQualityWarning)
     warnings.showwarning = lambda message, *_: remark("warning", str(message))
-    sys.path.append(os.getcwd())  # for methods of one's own; last, so that it hides no module
+    sys.path.append(os.getcwd())  # for the user's own methods; last, so that they hide no module
     try:
         sys.exit(app(sys.argv[1:], print_error=False, exit_on_error=False) or 0)
     except KeyboardInterrupt:
@@ -65,11 +65,11 @@ def main() -> None:
     except CycloptsError as error:
         error.verbose = False
         problem = str(error).partition(" Available commands")[0].rstrip(".")
-        words = " ".join(["tvsysid", *(error.command_chain or ())])
-        code, text = 2, f"{problem} (see {words} --help)"
+        typed = " ".join(["tvsysid", *(error.command_chain or ())])
+        code, text = 2, f"{problem} (see {typed} --help)"
     except OSError as error:
         code, text = 2, f"{error.filename or 'system'}: {error.strerror or error}"
     except (InputError, MemoryError) as error:
-        code, text = 2, str(error) or "not enough memory"
+        code, text = 2, str(error) or "not enough memory. Use less data or a lower rate"
     remark("tvsysid", text)
     sys.exit(code)

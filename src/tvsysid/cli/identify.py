@@ -1,4 +1,4 @@
-"""`tvsysid identify`."""
+"""Implement the command `tvsysid identify`."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 MAX_TESTED_CHANNELS = 8
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 NO_PERIOD = (
-    "--period is missing: the duration of one repetition of the behaviour (s); for a joint that is "
-    "held still, any will do (--period 2); where nothing repeats, give the channel with a variable "
-    "that the joint follows (--scheduling)"
+    "--period is missing: the duration of one repetition of the movement (s). For a joint that is "
+    "held still, any duration will do (--period 2). If nothing repeats, name the channel of a "
+    "variable that the stiffness depends on (--scheduling CHANNEL)"
 )
-IMPEDANCE = {  # names and formats, by heading
+IMPEDANCE_COLUMNS = {  # name and format of each column, by heading
     "method": "method",
     "mean": "stiffness (N·m/rad):.1f",
     "±\n95 %": "half_band (N·m/rad):.1f",
@@ -55,14 +55,14 @@ IMPEDANCE = {  # names and formats, by heading
     "VAF": "VAF (%):.1f",
     "held\nout": "held out:.1f",
 }
-RECORDINGS = {
+RECORDING_COLUMNS = {
     "recording": "recording",
     "method": "method",
     "stiffness\n(N·m/rad)": "stiffness (N·m/rad)",
     "VAF\n(%)": "VAF (%)",
     "faults": "faults of the data",
 }
-FURTHER = {
+FURTHER_COLUMNS = {
     "method": "method",
     "quantity": "quantity",
     "unit": "unit",
@@ -76,7 +76,7 @@ FURTHER = {
 
 @attrs.frozen
 class Options:
-    """How a recording is identified.
+    """Settings of an identification.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Options:
     tune
         Choose each method's settings from the data.
     sheet
-        Also write a page of A4 to print, for research use only.
+        Also write one page of A4 to print. For research use only.
     """
 
     method: Methods | None = None
@@ -109,9 +109,9 @@ def identify(
 ) -> int:
     """Identify stiffness over time from a recording.
 
-    Prints the recommended stiffness with its 95 % band, or why none can be stated, and writes a
-    page, tables, models and figures to a folder. See docs/identify.md. `tvsysid inspect FILE` lists
-    the channels, and saves these options.
+    Prints the recommended stiffness with its 95 % band, or why none can be stated. Writes a page,
+    tables, models and figures to a folder. See docs/identify.md. `tvsysid inspect FILE` lists the
+    channels, and saves these options.
 
     Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
     2`
@@ -119,12 +119,12 @@ def identify(
     Parameters
     ----------
     file
-        Recording, or folder of some: MAT, CSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D,
-        EDF.
+        Recording, or folder of recordings. Formats: MAT, CSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS,
+        Parquet, C3D, EDF.
     files
-        Further ones, with the same options. Each has a folder and a row of one page.
+        Further recordings, with the same options. Each gets a folder, and a row in one page.
     scheduling
-        Channel that the joint follows, for lpv and lpvkbi; needs no --period.
+        Channel that the stiffness depends on, for lpv and lpvkbi. Needs no --period.
     out
         Folder for the results.
     """
@@ -134,34 +134,40 @@ def identify(
         channels = {**reading.channels, "scheduling": scheduling}
         reading = attrs.evolve(reading, channels=channels)
         options = attrs.evolve(options, method=options.method or SCHEDULED_METHODS)
-    one = partial(_identify, reading=reading, segmentation=segmentation, options=options)
+    identify_one = partial(
+        _identify_one, reading=reading, segmentation=segmentation, options=options
+    )
     recordings = recordings_in([file, *files])
-    return one(file, out) if recordings == [file] else _identify_all(one, recordings, out)
+    if recordings == [file]:
+        return identify_one(file, out)
+    return _identify_all(identify_one, recordings, out)
 
 
-def _identify_all(one: Callable[[Path, Path], int], recordings: Sequence[Path], out: Path) -> int:
-    """Identify each recording into a folder of its own, and write one page about all."""
+def _identify_all(
+    identify_one: Callable[[Path, Path], int], recordings: Sequence[Path], out: Path
+) -> int:
+    """Identify each recording into its own folder, and write one page about all recordings."""
     from tvsysid.report import write_recordings
 
     if len({each.name for each in recordings}) < max(len(recordings), 1):
-        raise InputError("expected recordings, each with a name of its own")
+        raise InputError("found no recordings, or two files with the same name; rename one")
     code, folders = 0, []
-    for each in recordings:
+    for file in recordings:
         try:
-            code |= one(each, out / each.name)
-            folders.append(out / each.name)
+            code |= identify_one(file, out / file.name)
+            folders.append(out / file.name)
         except InputError as error:
             code = 1
             remark("error", str(error))
     if not folders:
         return code
     table = write_recordings(out / "report.html", folders, command_line())
-    show_table("recordings", table.to_dict("records"), RECORDINGS)
+    show_table("recordings", table.to_dict("records"), RECORDING_COLUMNS)
     say_written(out, ["report.html"])
     return code
 
 
-def _identify(
+def _identify_one(
     file: Path, out: Path, reading: Reading, segmentation: Segmentation, options: Options
 ) -> int:
     """Identify one recording, write its folder, print the answer, and return the exit code."""
@@ -176,7 +182,9 @@ def _identify(
     out.mkdir(parents=True, exist_ok=True)
     rate = recording.sampling_rate
     if segmentation.decimate is None and rate > SLOW_RATE:
-        remark("note", f"at {rate:g} Hz this takes minutes; seconds with {rate_options(rate)}")
+        remark(
+            "note", f"at {rate:g} Hz this takes minutes. It takes seconds with {rate_options(rate)}"
+        )
     prepared = prepare_recording(
         recording,
         segmentation,
@@ -188,39 +196,43 @@ def _identify(
         say(note)
     say(f"{file.name}: {prepared.ensemble!r}")
     with shown_progress("identifying") as advance:
-        found = compare(prepared.ensemble, method, tune=options.tune, progress=advance)
-    for label, reason in found.skipped.items():
+        comparison = compare(prepared.ensemble, method, tune=options.tune, progress=advance)
+    for label, reason in comparison.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
-    for label, reason in found.failed.items():
+    for label, reason in comparison.failed.items():
         remark("error", f"{label} failed: {reason}")
-    found, source = _judged(found, prepared, recording, file, reading), _source(file, reading)
-    written = write_folder(out, found, source, prepared.corrections, command_line(), options.sheet)
-    _show_impedance(found)
-    _show_diagnosis(found)
-    _show_settings(found)
+    comparison = _with_checks(comparison, prepared, recording, file, reading)
+    source = _source(file, reading)
+    written = write_folder(
+        out, comparison, source, prepared.corrections, command_line(), options.sheet
+    )
+    _show_impedance(comparison)
+    _show_diagnosis(comparison)
+    _show_settings(comparison)
     say_written(out, written)
-    return int(bool(found.failed))
+    return int(bool(comparison.failed))
 
 
-def _judged(
-    found: Comparison,
+def _with_checks(
+    comparison: Comparison,
     prepared: PreparedRecording,
     recording: Recording,
     file: Path,
     reading: Reading,
 ) -> Comparison:
-    """Predict held-out realizations, diagnose the data, and look for unnamed references."""
+    """Add held-out predictions, the diagnosis of the data, and unnamed references."""
     with shown_progress("predicting held-out realizations") as advance:
-        held_out = found.held_out_vaf(progress=advance)
+        held_out = comparison.held_out_vaf(progress=advance)
     return attrs.evolve(
-        found,
+        comparison,
         held_out=held_out,
-        diagnosis=prepared.diagnose(found.inputs.get("reference")),
-        unnamed_references=tuple(_unnamed_references(found, recording, file, reading)),
+        diagnosis=prepared.diagnose(comparison.inputs.get("reference")),
+        unnamed_references=tuple(_unnamed_references(comparison, recording, file, reading)),
     )
 
 
 def _source(file: Path, reading: Reading) -> dict[str, str]:
+    """Return the file and its channels in words, for the report."""
     sign = ", sign reversed" if reading.torque_sign == -1 else ""
     return {
         "file": printable(file.name),
@@ -230,9 +242,9 @@ def _source(file: Path, reading: Reading) -> dict[str, str]:
 
 
 def _unnamed_references(
-    found: Comparison, recording: Recording, file: Path, reading: Reading
+    comparison: Comparison, recording: Recording, file: Path, reading: Reading
 ) -> Iterator[str]:
-    """Yield a sentence for each channel of the file that was not read and drives the angle.
+    """Yield a sentence for each channel that drives the angle but was not read from the file.
 
     Nothing is tested where a method has a reference or a scheduling variable.
     """
@@ -240,54 +252,54 @@ def _unnamed_references(
     from tvsysid.recommendation import find_unnamed_references
     from tvsysid.recordings import describe_file
 
-    if found.inputs.keys() & {"reference", "scheduling"}:
+    if comparison.inputs.keys() & {"reference", "scheduling"}:
         return
-    channels, ensemble = describe_file(file), found.ensemble
+    channels, ensemble = describe_file(file), comparison.ensemble
     shape, named = channels[reading.names["angle"]].shape, {*reading.names.values()}
-    others = [name for name in channels if name not in named and channels[name].shape == shape]
-    for name in others[:MAX_TESTED_CHANNELS]:
-        with suppress(InputError):  # it holds no numbers
+    untested = [name for name in channels if name not in named and channels[name].shape == shape]
+    for name in untested[:MAX_TESTED_CHANNELS]:
+        with suppress(InputError):  # the channel holds no numbers
             values = channels[name].read(name).ravel(order="F")
             with_channel = attrs.evolve(recording, channels={name: values})
             context = ensemble.context / ensemble.sampling_rate
-            cut = subtract_mean(segment(with_channel, ensemble.duration, context), [name])
-            for sentence in find_unnamed_references(cut, [name]):
+            segmented = subtract_mean(segment(with_channel, ensemble.duration, context), [name])
+            for sentence in find_unnamed_references(segmented, [name]):
                 yield sentence.replace("--method", f"--channel {name}={name} --method")
 
 
-def _show_impedance(found: Comparison) -> None:
-    """Print the answer, a row for each method, and what else they estimate."""
+def _show_impedance(comparison: Comparison) -> None:
+    """Print the answer, a table of all methods, and a table of their further estimates."""
     from tvsysid.report.estimates import further
 
-    answer = found.answer
+    answer = comparison.answer
     say("\n  ".join(answer.lines))
-    table = found.summary()
+    table = comparison.summary()
     table["held out"] = table.method.map(answer.vaf)
     table["between"] = table.method.map({answer.label: answer.difference})
     title = "stiffness with its band and extremes (N·m/rad), inertia (kg·m²), VAF (%)"
     validity = "" if answer.is_stated else "not valid: "
-    show_table(validity + title, table.to_dict("records"), IMPEDANCE)
-    show_table("further estimates", further(found).to_dict("records"), FURTHER)
+    show_table(validity + title, table.to_dict("records"), IMPEDANCE_COLUMNS)
+    show_table("further estimates", further(comparison).to_dict("records"), FURTHER_COLUMNS)
 
 
-def _show_diagnosis(found: Comparison) -> None:
+def _show_diagnosis(comparison: Comparison) -> None:
     """Print the findings of the diagnosis."""
-    diagnosis = found.recommendation.diagnosis
+    diagnosis = comparison.recommendation.diagnosis
     if isinstance(diagnosis, str):
-        say(f"diagnosis: none: {diagnosis}")
+        say(f"no diagnosis: {diagnosis}")
         return
     names = ", ".join(each.name for each in diagnosis.findings)
     advice = f": {names} (report.html says what to do)" if names else ""
     say(f"diagnosis: {diagnosis.verdict}{advice}")
 
 
-def _show_settings(found: Comparison) -> None:
-    """Print which settings were chosen from the data, and the options that repeat them."""
+def _show_settings(comparison: Comparison) -> None:
+    """Print the settings that were chosen from the data, and the options to repeat them."""
     from tvsysid.methods import to_text
 
     options = []
-    for label, evidence in found.evidence.items():
+    for label, evidence in comparison.evidence.items():
         say(f"{label}: {evidence}")
-        options += ["--method", to_text(found.methods[label])]
+        options += ["--method", to_text(comparison.methods[label])]
     if options:
-        say(f"the same settings again: {shlex.join(options)}")
+        say(f"to repeat these settings: {shlex.join(options)}")

@@ -1,4 +1,4 @@
-"""`tvsysid inspect`."""
+"""Implement the command `tvsysid inspect`."""
 
 from __future__ import annotations
 
@@ -33,18 +33,16 @@ def inspect(
 ) -> None:
     """Show the channels of a file; with --diagnose, report what is wrong with the recording.
 
-    Prints each channel's name and shape, and its unit and sampling rate if the file states them,
-    and draws the signals: against time if the file states the rate, else against sample numbers.
-    The names are those that the options `--angle`, `--torque` and `--channel` of `tvsysid identify`
-    expect.
+    Prints each channel's name and shape, and its unit and sampling rate if the file states them.
+    Draws the signals over time, or over sample numbers if the file states no rate. Give these names
+    to the options `--angle`, `--torque` and `--channel` of `tvsysid identify`.
 
     With `--diagnose`, looks for faults that would spoil the result: units, signs, delays, lost or
-    clipped signals, drift, misaligned realizations, a wrong period, feedback, reflexes. Prints what
-    each fault does to the result and what to do, and which method suits the data (with `--period`),
-    and writes a page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture (ANGLE
-    and TORQUE are the channels' names). The recording is diagnosed at its own rate, whatever
-    `--decimate` says, because decimation would hide some faults. Without `--period` the record is
-    cut into pieces of 2 s, and what concerns repetitions is not judged.
+    clipped signals, drift, misaligned realizations, a wrong period, feedback, reflexes. Prints the
+    effect and the remedy of each fault and, with `--period`, which method suits the data. Writes a
+    page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture. ANGLE and TORQUE are
+    the channels' names. `--decimate` is ignored here, because decimation would hide some faults.
+    Without `--period`, the record is cut into pieces of 2 s, and repetitions are not checked.
 
     Example: `tvsysid inspect ankle.mat`
 
@@ -63,15 +61,14 @@ def inspect(
         (`tvsysid[edf]`).
     save
         Write the options to FILE.toml beside the file, where `identify`, `plan`, `inspect` and
-        `explore` find them; what is typed overrides them.
+        `explore` find them. Options on the command line override them.
     plot
         Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]
     diagnose
         Also read the recording and cut it into realizations as `tvsysid identify` does, and report
-        what is wrong with it. Needs --angle, --torque and --rate, and --period where the behaviour
-        repeats.
+        its faults. Needs --angle, --torque and --rate, and --period if the movement repeats.
     reference
-        Channel (of --channel) with the disturbance that was applied, to look for a closed loop.
+        Name (given by --channel) of the applied disturbance, to look for a closed loop.
     """
     from tvsysid import figures
     from tvsysid.recordings import describe_file, read_recording
@@ -89,13 +86,13 @@ def inspect(
     except InputError as error:
         remark("note", str(error))
     if save:
-        read_recording(file, reading)  # warns where the file states something else
+        read_recording(file, reading)  # warns if the file contradicts the options
         settings = save_settings(file, reading, segmentation)
         say(f"wrote {settings}; identify with\ntvsysid identify {shlex.quote(str(file))}")
     if diagnose:
         _show_diagnosis(file, picture.parent, reading, segmentation, reference)
     elif not save:
-        _show_next(file, channels)
+        _show_identify_command(file, channels)
 
 
 def _show_diagnosis(
@@ -104,7 +101,7 @@ def _show_diagnosis(
     """Diagnose a recording, print and write the findings, and recommend a method.
 
     The recording is not decimated, because that would hide a clipped signal. Checks that need a low
-    rate decimate themselves. A method is recommended if the behaviour repeats.
+    rate decimate themselves. A method is recommended if the movement repeats.
     """
     from tvsysid.comparison import prepare_recording
     from tvsysid.quality import diagnose
@@ -115,7 +112,7 @@ def _show_diagnosis(
 
     repeats = segmentation.period is not None
     if not repeats:
-        remark("note", "no --period: the record is diagnosed in pieces, not taken to repeat")
+        remark("note", "repetitions are not checked; if the movement repeats, add --period")
     recording = read_recording(file, reading)
     prepared = prepare_recording(
         recording,
@@ -127,7 +124,7 @@ def _show_diagnosis(
     ensemble = prepared.diagnosed
     with errors.status("diagnosing"):
         diagnosis = diagnose(ensemble, reference, repeats=repeats, recording=recording)
-        # A file may hold several pairs of channels: a page for each.
+        # A file may hold several pairs of channels. Each pair has its own page.
         stem = re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}")
         page = folder / f"{stem}.diagnosis.html"
         name = f"{file.name} ({reading.angle}, {reading.torque})"
@@ -142,12 +139,12 @@ def _show_diagnosis(
         say(line)
     if repeats:
         with errors.status("choosing a method"):
-            found = recommend(lowered(ensemble), reference, diagnosis=diagnosis)
-        say(repr(found))
+            recommendation = recommend(lowered(ensemble), reference, diagnosis=diagnosis)
+        say(repr(recommendation))
     say(f"wrote {page}")
 
 
-def _show_next(file: Path, channels: Mapping[str, Channel]) -> None:
+def _show_identify_command(file: Path, channels: Mapping[str, Channel]) -> None:
     """Print the command that identifies the file."""
     rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
     rate = rates.pop() if len(rates) == 1 else None
@@ -156,4 +153,4 @@ def _show_next(file: Path, channels: Mapping[str, Channel]) -> None:
         f"CHANNEL {rate_options(rate)} --period SECONDS"
     )
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
-        say("where each column of a matrix is a trial by itself, add --columns trials")
+        say("if each column of a matrix is a separate trial, add --columns trials")

@@ -49,7 +49,7 @@ class Comparison:
     failed
         Error message of each method that failed.
     diagnosis
-        Diagnosis of the data, with the reference that a method uses, or why there is none.
+        Diagnosis of the data with the methods' reference, or the reason why there is none.
     held_out
         Result of :meth:`held_out_vaf`, if known.
     unnamed_references
@@ -71,7 +71,7 @@ class Comparison:
     def vaf(self) -> dict[str, Array]:
         """Variance accounted for in each realization in %, by label, shape (realization,).
 
-        It is computed on the realizations that the model was fitted to. A method with many
+        It is computed on the same realizations that the model was fitted to. A method with many
         parameters has a high VAF even where its stiffness is noise: see :meth:`held_out_vaf`.
         """
         return {label: vaf(self._torque, each) for label, each in self.predicted.items()}
@@ -99,24 +99,24 @@ class Comparison:
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the channels that the methods use."""
         channels = (self.inputs.get(kind) for kind in ("reference", "scheduling"))
-        found = recommend(self.ensemble, *channels, diagnosis=self.diagnosis)
-        unnamed = (*self.unnamed_references, *found.unnamed_references)
-        return attrs.evolve(found, unnamed_references=unnamed)
+        recommended = recommend(self.ensemble, *channels, diagnosis=self.diagnosis)
+        unnamed = (*self.unnamed_references, *recommended.unnamed_references)
+        return attrs.evolve(recommended, unnamed_references=unnamed)
 
     @cached_property
     def answer(self) -> Answer:
-        """Stiffness to report, and what it is worth. Held-out realizations are predicted first."""
+        """Stiffness to report, and its trust. Predicts held-out realizations if necessary."""
         held_out = self.held_out_vaf() if self.held_out is None else self.held_out
         return answer(self.ensemble, self.methods, self.models, self.recommendation, held_out)
 
     def __repr__(self) -> str:
-        apart = map(": ".join, {**self.skipped, **self.failed}.items())
-        first = f"{', '.join(self.models)} on {self.ensemble!r}"
-        return "\n".join([first, *self.answer.lines, *apart])
+        reasons = map(": ".join, {**self.skipped, **self.failed}.items())
+        title = f"{', '.join(self.models)} on {self.ensemble!r}"
+        return "\n".join([title, *self.answer.lines, *reasons])
 
     def plot(self, title: str = "") -> Figure:
         """Draw the estimates of all methods."""
-        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
+        from tvsysid.figures import plot  # noqa: PLC0415  # figures import this
 
         return plot(self, title)
 
@@ -205,7 +205,7 @@ class Comparison:
 
         .. math:: \hat y_r(t) = \bar y(t) + \hat m(\theta_r - \bar\theta)(t) - \overline{\hat m}(t)
 
-        If the ensemble's mean was subtracted, the means (bars) are computed again, without the
+        If the ensemble's mean was subtracted, the means (bars) are computed again without the
         held-out realizations. A prediction therefore uses no torque of its realization. The VAF is
         that of the deviation from the mean, :func:`tvsysid.metrics.vaf` of :math:`y_r - \bar y` and
         :math:`\hat y_r - \bar y`.

@@ -1,6 +1,6 @@
-"""Judge what an identified stiffness is worth: its method, band, trust, and spread of methods.
+"""Choose the stiffness to report, and judge how far it can be trusted.
 
-Command, pages, notebook, sheet and explorer show this answer.
+The command line, pages, notebooks, sheet and explorer show this answer.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from tvsysid.quality import Diagnosis, Finding
 from tvsysid.recommendation.method import MIN_INFORMATION, RECORD_REFERENCE, WRONG, Recommendation
 from tvsysid.signals import Array, Ensemble
 
-LEVEL = 1.96  # standard deviations within which 95 % of methods would lie
-MAX_NEGATIVE_PERCENT = 2.5  # of the time: a 95 % band lies below the truth this often by chance
+CRITICAL_VALUE = 1.96  # standard deviations within which 95 % of methods would lie
+MAX_NEGATIVE_PERCENT = 2.5  # of the time; by chance, a 95 % band lies below the truth this often
 MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 MAX_REASONS = 3
@@ -73,9 +73,9 @@ class Answer:
     trust
         ``"good"``, ``"doubtful"``, or ``"none"`` if no stiffness is stated.
     reasons
-        At most three sentences, the worst first: what is doubtful, and the option that mends it.
+        At most three sentences, the worst first: a doubt, and the option that removes it.
     vaf
-        VAF of held-out realizations by each method in %, by label. NaN if unknown.
+        Mean VAF of held-out realizations in %, by label. NaN if unknown.
     spread
         How far methods differ, in N·m/rad at each time, shape (time,). See :func:`model_spread`.
     """
@@ -133,7 +133,7 @@ class Answer:
             name = "" if lines else "stiffness "
             lines.append(
                 f"{stated}: {name}{known.min():.1f} to {known.max():.1f} N·m/rad, "
-                f"{known.mean():.1f} on average, {self._bands()}"
+                f"{known.mean():.1f} on average, {self._band_text()}"
             )
         elif not lines:
             lines = [f"{self.label} estimates no stiffness over time"]
@@ -143,7 +143,8 @@ class Answer:
             *(describe_changes(self.model) if isinstance(self.model, AdaptiveModel) else ()),
         )
 
-    def _bands(self) -> str:
+    def _band_text(self) -> str:
+        """Return the band and the spread of methods in words."""
         band, spread = self.half_band, self.difference
         error = self.model.estimates["stiffness"].standard_error
         why = f" ({error.absent})" if error and error.absent else ""
@@ -187,7 +188,7 @@ def answer(
 
 
 def _known_vaf(model: Model, held_out: Array | None) -> Array:
-    """Return the known VAFs of held-out realizations, or that of the model's own folds."""
+    """Return the finite held-out VAFs or, if there are none, the VAF of the method's own folds."""
     known = np.array([]) if held_out is None else held_out[np.isfinite(held_out)]
     return known if known.size else np.array([model.diagnostics.details.get("vaf_folds", np.nan)])
 
@@ -204,29 +205,32 @@ def model_spread(
     .. math:: s(t) = 1.96 \sqrt{\frac{\sum_m w_m (K_m(t) - K(t))^2}{\sum_m w_m}},
               \quad w_m = \frac{1}{100 - VAF_m}
 
-    The less of the held-out torque a method leaves unpredicted, the more it weighs. Where the
-    method of the ``label`` shows a reflex, methods with one pathway identify the torque less that
-    of the reflex. NaN where fewer than two methods have an estimate.
+    Here, :math:`K` is the stiffness by the method ``label``. A method weighs more if it predicts
+    more of the held-out torque. If the method ``label`` finds a reflex, its reflex torque is
+    subtracted before methods with one pathway identify the stiffness. NaN where fewer than two
+    methods have an estimate.
     """
-    own, rest = models[label], ensemble
+    own, without_reflex = models[label], ensemble
     pathways = own.pathways(ensemble) if reflex_shown(own) else {}
     if "reflex" in pathways:
         torque = ensemble.torque.copy()
         torque[:, ensemble.core] -= np.nan_to_num(pathways["reflex"])
-        rest = attrs.evolve(ensemble, torque=torque)
+        without_reflex = attrs.evolve(ensemble, torque=torque)
     squares, weights = [], []
     for name, model in models.items():
         stiffness = model.stiffness
         if "reflex" in pathways and has_one_pathway(methods[name], model):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
-                stiffness = methods[name].identify(rest).stiffness
+                stiffness = methods[name].identify(without_reflex).stiffness
         difference = stiffness - own.stiffness
         is_known = np.isfinite(difference) & math.isfinite(vaf[name])
         squares.append(np.where(is_known, difference, 0.0) ** 2)
         weights.append(np.where(is_known, 1 / max(100 - vaf[name], 1e-9), 0.0))
     total = np.where(np.count_nonzero(weights, axis=0) > 1, np.sum(weights, axis=0), np.nan)
-    return np.asarray(LEVEL * np.sqrt(np.sum(np.multiply(weights, squares), axis=0) / total))
+    return np.asarray(
+        CRITICAL_VALUE * np.sqrt(np.sum(np.multiply(weights, squares), axis=0) / total)
+    )
 
 
 def trust_in(
@@ -255,7 +259,7 @@ def trust_in(
     faults = {each.name: each for each in found}
     has_reference = any(item.kind == "reference" for item in method.inputs)
     loop = [] if has_reference else [_reason(faults[name]) for name in LOOP if name in faults]
-    wrong = _wrong(model, faults)
+    wrong = _invalidating_fault(model, faults)
     # With a wrong period, any channel seems to move the joint.
     if not has_reference and "wrong-period" not in faults:
         wrong = [*unnamed, *wrong]
@@ -279,8 +283,8 @@ def trust_in(
     return "doubtful" if doubts else "good", (*doubts, *cautions)[:MAX_REASONS]
 
 
-def _wrong(model: Model, faults: Mapping[str, Finding]) -> list[str]:
-    """Return the fault that makes every method wrong, first of those that explain others.
+def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str]:
+    """Return at most one fault that makes every method wrong: the one that explains the others.
 
     Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
     another signal in place of the torque, make it much softer.
@@ -296,7 +300,7 @@ def _wrong(model: Model, faults: Mapping[str, Finding]) -> list[str]:
 
 
 def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
-    """Yield a text for each fault that may make the stiffness wrong, with its remedy."""
+    """Yield each fault that may make the stiffness wrong, with its remedy."""
     gain = model.estimates.get("reflex_gain")
     if gain is not None and gain.unit == UNITS["reflex_gain"] and reflex_shown(model):
         upper = gain.limits()[1]
@@ -315,14 +319,14 @@ def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iter
             yield _reason(found)
 
 
-def _reason(found: Finding) -> str:
-    """Return what was found and what to do, as sentences."""
-    what = found.what.partition(";")[0]
-    return f"{found.fault.title}: {what}. {sentence(found.fault.remedy)}"
+def _reason(finding: Finding) -> str:
+    """Return a fault, its evidence and its remedy as sentences."""
+    what = finding.what.partition(";")[0]
+    return f"{finding.fault.title}: {what}. {sentence(finding.fault.remedy)}"
 
 
 def sentence(text: str) -> str:
-    """Return a text as a sentence."""
+    """Return a text with a capital letter and a full stop."""
     return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
 
 

@@ -1,4 +1,4 @@
-"""Read a recording from a file, or from several that hold a trial each."""
+"""Read a recording from one file, or from several files with one trial each."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class UsableTrials(NamedTuple):
     Parameters
     ----------
     recording
-        The trials; None if there is none.
+        The usable trials. None if no trial is usable.
     names
         Name of each trial: its file, or file and number of the trial.
     refused
-        Why the others cannot be used, by the same names.
+        Reason why a trial cannot be used, by the name of each trial that is left out.
     """
 
     recording: Recording | None
@@ -48,22 +48,21 @@ class UsableTrials(NamedTuple):
 
 
 def read_recording(path: str | Path, reading: Reading | None = None, **settings: Any) -> Recording:
-    """Read angle and torque from a file, in rad and N·m, and further channels as they are.
+    """Read angle (rad), torque (N·m) and further channels (unscaled) from a file.
 
     Parameters
     ----------
     path
         MAT file (version 4 to 7.3), CSV or TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS
         (``_motion.tsv``), Parquet (``tvsysid[parquet]``), C3D (``tvsysid[c3d]``), EDF or BDF
-        (``tvsysid[edf]``), by its ending.
+        (``tvsysid[edf]``). The file's extension tells the format.
     reading
-        How the file is read. Without it, ``settings`` are those of
-        :class:`tvsysid.recordings.Reading`.
+        Settings for reading the file. By default, they are built from ``settings``.
     angle, torque
         Names of the variables or columns, as ``tvsysid inspect`` lists them: ``run.angle`` in a
         MATLAB structure or object, ``run/angle`` in a group of an HDF5 or NetCDF file.
     sampling_rate
-        In Hz. A rate that the file states is compared with this one, and never used in its place.
+        In Hz. If the file states another rate, a warning is given and this rate is used.
     **settings
         ``channels={"emg": "EMG_SIGNAL"}``, ``columns="trials"``, ``torque_sign=-1``,
         ``angle_unit="deg"``, ``torque_unit="Nmm"`` and ``start``.
@@ -71,14 +70,14 @@ def read_recording(path: str | Path, reading: Reading | None = None, **settings:
     Raises
     ------
     InputError
-        If the angle, the torque or the sampling rate is not given; if the file cannot be read,
-        lacks a channel (the message lists those that it holds), or holds no usable numbers.
+        If the angle, the torque or the sampling rate is not given. If the file cannot be read,
+        lacks a channel (the message lists its channels), or holds no usable numbers.
 
     Warns
     -----
     DataQualityWarning
-        If the angle, said to be in rad, is so large that it is probably in degrees; if the file
-        states another unit or sampling rate.
+        If the angle is read in rad, but is probably in degrees. If the file states another unit or
+        sampling rate.
 
     Examples
     --------
@@ -100,7 +99,7 @@ def read_recording(path: str | Path, reading: Reading | None = None, **settings:
 def read_usable_trials(
     paths: Mapping[str, Path], reading: Reading, shortest: float = 0.0
 ) -> UsableTrials:
-    """Read trials as :func:`tvsysid.read_trials` does, but leave out those that cannot be used.
+    """Read trials as :func:`tvsysid.read_trials` does, but leave out unusable trials.
 
     Parameters
     ----------
@@ -109,7 +108,7 @@ def read_usable_trials(
     reading
         How all files are read.
     shortest
-        Seconds that a trial must last.
+        Minimum duration of a trial in s.
     """
     usable: dict[str, Recording] = {}
     refused: dict[str, str] = {}
@@ -125,8 +124,8 @@ def read_usable_trials(
                 recording = _recording(reading, {key: each[trial] for key, each in signals.items()})
                 if recording.duration < shortest:
                     raise InputError(
-                        f"it lasts {recording.duration:g} s, less than the {shortest:g} s that a "
-                        "realization and the trimmed ends need"
+                        f"the trial lasts {recording.duration:g} s, less than the {shortest:g} s "
+                        "that a realization and the trimmed ends need"
                     )
             except InputError as error:
                 refused[name] = str(error)
@@ -138,7 +137,7 @@ def read_usable_trials(
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
-    """Read trials that are in files of their own, in their order, one after the other.
+    """Read several files as the trials of one recording, in the given order.
 
     If one file holds several trials as columns of its matrices, read it by
     :func:`tvsysid.read_recording` with ``columns="trials"``. If its trials are channels with
@@ -149,7 +148,7 @@ def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
     paths
         Files, of any formats.
     **settings
-        As of :func:`tvsysid.read_recording`, the same for all files; so are the errors.
+        Settings of :func:`tvsysid.read_recording`, the same for all files.
 
     Examples
     --------
@@ -170,7 +169,7 @@ def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
 
 
 def join_trials(recordings: Sequence[Recording]) -> Recording:
-    """Join recordings as the trials of one: nothing is filtered or cut across where they meet.
+    """Join recordings as the trials of one recording. No filter or cut crosses their boundaries.
 
     An InputError is raised if they differ in sampling rate, start or channels, or there are none.
     """
@@ -201,23 +200,29 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
 def _read_signals(
     file: Path, reading: Reading
 ) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
-    """Return channels and values of the signals of a recording, and where its trials start."""
-    found = describe_file(file)
-    rates = {found[name].sampling_rate for name in (reading.angle, reading.torque) if name in found}
+    """Return the channel and the values of each signal, and the first sample of each trial."""
+    file_channels = describe_file(file)
+    rates = {
+        file_channels[name].sampling_rate
+        for name in (reading.angle, reading.torque)
+        if name in file_channels
+    }
     if reading.sampling_rate is None and len(rates) == 1 and None not in rates:
         rate = f"{rates.pop():g}, which the file states"
         raise InputError(f"sampling_rate is missing; add --rate {rate}")
     names = reading.names
-    if missing := [name for name in names.values() if name not in found]:
-        raise InputError(f"no channel {missing[0]!r}; it holds {_listed(found) or 'nothing'}")
-    channels = {own: found[name] for own, name in names.items()}
-    matrices = {own: _as_matrix(name, found[name]) for own, name in names.items()}
+    if missing := [name for name in names.values() if name not in file_channels]:
+        raise InputError(
+            f"no channel {missing[0]!r}; the file holds {_listed(file_channels) or 'nothing'}"
+        )
+    channels = {own: file_channels[name] for own, name in names.items()}
+    matrices = {own: _as_matrix(name, file_channels[name]) for own, name in names.items()}
     layouts = {(matrices[own].shape, channels[own].trial_starts) for own in names}
     if len(layouts) > 1:
         raise InputError(
             "the channels have different lengths or trials: "
-            f"{_listed({name: found[name] for name in names.values()})}; name channels that were "
-            "sampled together, or cut or resample them to one rate before"
+            f"{_listed({name: file_channels[name] for name in names.values()})}; name "
+            "channels that were sampled together, or cut or resample them to one rate before"
         )
     (((length, columns), segments),) = layouts
     starts: tuple[int, ...] = (0,)
@@ -236,7 +241,7 @@ def _listed(channels: Mapping[str, Channel]) -> str:
 
 
 def _as_matrix(name: str, channel: Channel) -> Array:
-    """Return the values of a channel with an axis of time and one of columns."""
+    """Return the values of a channel, shape (time, column)."""
     values = np.atleast_2d(channel.read(name))
     if len(values) == 1:
         values = values.T
@@ -251,7 +256,7 @@ def _as_matrix(name: str, channel: Channel) -> Array:
 def _recording(
     reading: Reading, signals: Mapping[str, Array], trial_starts: tuple[int, ...] = (0,)
 ) -> Recording:
-    """Return the recording of signals of shape (time,), by their names in the recording."""
+    """Build the recording from its signals, each of shape (time,)."""
     return Recording(
         angle=signals["angle"] * UNITS["angle"][reading.angle_unit][0],
         torque=signals["torque"] * (reading.torque_sign * UNITS["torque"][reading.torque_unit][0]),
@@ -262,12 +267,12 @@ def _recording(
     )
 
 
-def _doubts(
+def _contradictions(
     channels: Mapping[str, Channel], recording: Recording, reading: Reading
 ) -> Iterator[str]:
-    """Yield a warning for each contradiction of file and caller, and for an angle in degrees.
+    """Yield a warning for each setting that the file contradicts, and for an angle in degrees.
 
-    ``channels`` are those that were read, by their names in the recording.
+    ``channels`` are the channels that were read, by their names in the recording.
     """
     given, names = recording.sampling_rate, reading.names
     rates = sorted({each.sampling_rate or given for each in channels.values()})
@@ -284,10 +289,10 @@ def _doubts(
                 f"the file states the unit {stated!r} for {names[own]}, but it is read in {unit}; "
                 f"{remedy}"
             )
-    size = float(np.std(recording.angle))
-    if size > MAX_ANGLE_RMS_RAD:
+    rms = float(np.std(recording.angle))
+    if rms > MAX_ANGLE_RMS_RAD:
         yield (
-            f"{reading.angle} has an RMS of {size:.3g} rad about its mean; if it is in degrees, "
+            f"{reading.angle} has an RMS of {rms:.3g} rad about its mean; if it is in degrees, "
             "give angle_unit='deg' (--angle-unit deg)"
         )
 
@@ -295,5 +300,6 @@ def _doubts(
 def _warn(
     name: str, channels: Mapping[str, Channel], recording: Recording, reading: Reading
 ) -> None:
-    for text in _doubts(channels, recording, reading):
+    """Warn of each contradiction, with the name of the file or trial."""
+    for text in _contradictions(channels, recording, reading):
         warnings.warn(f"{name}: {text}", DataQualityWarning, stacklevel=3)

@@ -1,4 +1,4 @@
-"""How a recording is read from a file and cut into realizations: every setting, declared once.
+"""Settings for reading a recording from a file and cutting it into realizations.
 
 The command line imports this module for its options, and must start quickly.
 """
@@ -23,7 +23,9 @@ OPTION_NAMES = {"sampling_rate": "rate", "channels": "channel"}
 
 
 def named_channels(channels: Iterable[str]) -> dict[str, str]:
-    """Return names in the file by names in the recording, from a mapping or NAME=CHANNEL texts.
+    """Return the channel in the file for each name in the recording.
+
+    ``channels`` is such a mapping, or a sequence of NAME=CHANNEL texts.
 
     Examples
     --------
@@ -39,13 +41,13 @@ def named_channels(channels: Iterable[str]) -> dict[str, str]:
             )
         channels = dict(pairs)
     if channels.keys() & {"angle", "torque"}:
-        raise InputError("channels: angle and torque are names of signals; give other names")
+        raise InputError("channels: the names angle and torque are taken; give other names")
     return dict(channels)
 
 
 @attrs.frozen(kw_only=True)
 class Reading:
-    """How a recording is read from a file.
+    """Settings for reading a recording from a file.
 
     Parameters
     ----------
@@ -56,11 +58,11 @@ class Reading:
     sampling_rate
         Sampling rate in Hz.
     channels
-        Further channel by the name that a method expects: ``emg=EMG_SIGNAL``. Repeatable.
+        Further channel, with the name that a method expects: ``emg=EMG_SIGNAL``. Repeatable.
     columns
-        Whether columns of a matrix follow each other or are separate trials.
+        Whether the columns of a matrix follow each other in time or are separate trials.
     torque_sign
-        -1 if the file's torque falls where the angle rises.
+        -1 if the torque in the file falls when the angle rises.
     angle_unit
         Unit of the angle in the file.
     torque_unit
@@ -95,7 +97,7 @@ class Reading:
     start: float = attrs.field(default=0.0, validator=finite)
 
     @torque.validator
-    def _is_another_channel(self, _: object, torque: str | None) -> None:
+    def _is_not_the_angle(self, _: object, torque: str | None) -> None:
         if torque is not None and torque == self.angle:
             raise InputError(
                 f"angle and torque are both {torque!r}; name the channel of each (--angle, "
@@ -104,7 +106,7 @@ class Reading:
 
     @property
     def names(self) -> dict[str, str]:
-        """Names in the file of the signals that are read, by their names in the recording.
+        """Channel in the file for each signal of the recording.
 
         Raises
         ------
@@ -122,12 +124,12 @@ class Reading:
 
 @attrs.frozen(kw_only=True)
 class Segmentation:
-    """How a recording is decimated and cut into realizations.
+    """Settings for decimating a recording and cutting it into realizations.
 
     Parameters
     ----------
     period
-        Duration of a realization in s: of one repetition of the behaviour.
+        Duration of a realization (one repetition of the movement) in s.
     decimate
         Filter and decimate to this rate in Hz first; 100 Hz is usual.
     context

@@ -1,4 +1,4 @@
-"""Call libraries that crash or never end on damaged files in another process."""
+"""Read files in a separate process, because damaged files crash or hang some libraries."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from typing import TypeVar
 
 from tvsysid.errors import InputError
 
-WAIT_S, WAIT_S_PER_BYTE = 15.0, 1e-5  # some hundred times what an intact file takes
-MEMORY_BYTES = 4 * 2**30  # beside what the process has when it starts
+TIMEOUT_S, TIMEOUT_S_PER_BYTE = 15.0, 1e-5  # some hundred times longer than an intact file
+MAX_ADDED_BYTES = 4 * 2**30  # beyond the memory of the process when it starts
 
 Result = TypeVar("Result")
 
 
 def run_isolated(function: Callable[..., Result], file: Path, *arguments: object) -> Result:
-    """Call a function of a file in another process, with limits for memory and time.
+    """Call ``function(file, *arguments)`` in another process, with limits for memory and time.
 
-    An InputError is raised if the process crashes or takes too long; the function's own errors are
-    raised as well.
+    Raise an InputError if the process crashes or takes too long. Errors of the function are raised
+    as well.
     """
-    if multiprocessing.current_process().daemon:  # which cannot start processes
+    if multiprocessing.current_process().daemon:  # a daemon cannot start processes
         return function(file, *arguments)
-    seconds, executor = WAIT_S + WAIT_S_PER_BYTE * file.stat().st_size, _executor(os.getpid())
+    seconds, executor = TIMEOUT_S + TIMEOUT_S_PER_BYTE * file.stat().st_size, _executor(os.getpid())
     try:
         return executor.submit(function, file, *arguments).result(seconds)
     except (BrokenProcessPool, TimeoutError, KeyboardInterrupt) as error:
@@ -43,15 +43,15 @@ def run_isolated(function: Callable[..., Result], file: Path, *arguments: object
         if isinstance(error, KeyboardInterrupt):
             raise
         raise InputError(
-            f"the library that reads such files crashed, or did not end in {seconds:.0f} s. The "
-            "file is probably damaged: copy it again"
+            f"the library that reads this format crashed, or did not finish in {seconds:.0f} s. "
+            "The file is probably damaged. Copy it again"
         ) from None
 
 
 @cache
-def _executor(process: int) -> ProcessPoolExecutor:
-    """Return the executor of this process, which a fork cannot share."""
-    if sys.platform == "linux" and threading.active_count() == 1:  # a fork takes no locks along
+def _executor(process_id: int) -> ProcessPoolExecutor:
+    """Return the executor of this process. A forked process needs its own, hence the id."""
+    if sys.platform == "linux" and threading.active_count() == 1:  # no other thread holds a lock
         return ProcessPoolExecutor(1, multiprocessing.get_context("fork"), _initialize)
     executor = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _initialize)
     main = sys.modules["__main__"]
@@ -74,11 +74,12 @@ def _initialize() -> None:
 
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        limit = min(used + MEMORY_BYTES, hard if hard > 0 else sys.maxsize)
+        limit = min(used + MAX_ADDED_BYTES, hard if hard > 0 else sys.maxsize)
         resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
+    """Wait until the parent process ends, then end this process."""
     multiprocessing.parent_process().join()  # type: ignore[union-attr]  # it has one
     os._exit(1)

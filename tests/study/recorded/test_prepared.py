@@ -60,8 +60,8 @@ def spoil_short(file):
 
 SPOILT = {
     spoil_truncated: r"trial1\.mat is left out: cannot be read",
-    spoil_missing_channel: r"trial1\.mat is left out: no channel 'torque'; it holds angle",
-    spoil_short: r"left out: it lasts 3 s, less than the 4 s that",
+    spoil_missing_channel: r"trial1\.mat is left out: no channel 'torque'; the file holds angle",
+    spoil_short: r"left out: the trial lasts 3 s, less than the 4 s that",
 }
 
 

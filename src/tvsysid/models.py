@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -100,8 +101,9 @@ class Estimate:
         Names of the axes of ``values``: ``("time",)``, or ``("realization", "time")`` if each
         realization has its own estimate, or the name of a measured variable. The model's
         ``coordinates`` hold the values of such a variable.
-    standard_error
-        Standard error, given as ``error``; None if the method states none.
+    error
+        Standard error, or a function that computes it when it is first needed; None if the method
+        states none.
 
     Notes
     -----
@@ -120,10 +122,10 @@ class Estimate:
     values: Array = attrs.field(converter=to_array)
     unit: str
     axes: tuple[str, ...] = attrs.field(default=("time",), converter=_to_axes)
-    standard_error: StandardError | None = attrs.field(default=None, alias="error")
+    error: StandardError | Callable[[], StandardError | None] | None = None
 
     def __attrs_post_init__(self) -> None:
-        values, error = self.values, self.standard_error
+        values, error = self.values, self.error
         is_real = values.dtype.kind == "f"
         if not is_real or np.isinf(values).any():
             raise InputError(
@@ -135,7 +137,7 @@ class Estimate:
                 f"estimate: expected values over {', '.join(self.axes)}, got an array of shape "
                 f"{values.shape}"
             )
-        if error is not None and error.values.shape != values.shape:
+        if isinstance(error, StandardError) and error.values.shape != values.shape:
             raise InputError(
                 f"estimate: expected standard errors of the values' shape {values.shape}, got "
                 f"{error.values.shape}"
@@ -145,6 +147,15 @@ class Estimate:
         known = self.values[np.isfinite(self.values)]
         span = f"{known.min():.3g} to {known.max():.3g}" if known.size else "no value"
         return f"Estimate({span} {self.unit} over {', '.join(self.axes)})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # without the data that a function holds
+        return Estimate, (self.values, self.unit, self.axes, self.standard_error)
+
+    @cached_property
+    def standard_error(self) -> StandardError | None:
+        """Standard error, None if the method states none."""
+        return self.error() if callable(self.error) else self.error
 
     def band(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
         """Return the lower and upper limit of the band around the estimate, NaN where unknown.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal, NamedTuple
 
 import attrs
@@ -137,7 +138,7 @@ class BasisIRF(shared.ByReference):
         diagnostics = Diagnostics(posterior.effective, details=details)
         if self.model == "irf":
             left = shared.residual(ensemble, weights)
-        errors = self._errors(posterior, columns, readout, left, moved)
+        errors = partial(self._errors, posterior, columns, readout, left, moved)
         if self.model == "irf":
             return shared.impulse_response_model(ensemble, weights, impedance, diagnostics, errors)
         names = (

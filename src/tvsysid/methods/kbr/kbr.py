@@ -174,24 +174,27 @@ class KernelRegression(shared.ByReference):
             "second_order_agreement": shared.residual_agreement(moved, left, edge),
         }
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
-        # The posterior does not know that a mean over realizations was subtracted.
-        factors = len(ensemble) / shared.independent_realizations(ensemble) * np.ones(3)
-        # The posterior assumes that the noise is as strong as its mean over the fitted band.
-        if self.weighting == "white":
-            filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-            share, filters = posterior.effective / left.size, _in_band(filters, low, high)
-            noise, coloured = shared.noise_colour(moved, left, share, filters)
-            factors *= coloured / max(power_in_band(noise, low, high), LEAST_POWER)
-        times = times_of(ensemble, kernel)
-        features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
-        known = features[missing : ensemble.samples - missing]
-        errors = shared.posterior_errors(
-            np.einsum("qp,tj->qtpj", np.eye(3), known).reshape(3, len(known), -1),
-            posterior.covariance,
-            max(1.0, 2 * left.size * (high - low) - posterior.effective),
-            ensemble.samples,
-            factors,
-        )
+
+        def errors() -> dict[str, shared.StandardError]:
+            # The posterior does not know that a mean over realizations was subtracted.
+            factors = len(ensemble) / shared.independent_realizations(ensemble) * np.ones(3)
+            # The posterior assumes that the noise is as strong as its mean over the fitted band.
+            if self.weighting == "white":
+                filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+                share, filters = posterior.effective / left.size, _in_band(filters, low, high)
+                noise, coloured = shared.noise_colour(moved, left, share, filters)
+                factors *= coloured / max(power_in_band(noise, low, high), LEAST_POWER)
+            times = times_of(ensemble, kernel)
+            features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
+            known = features[missing : ensemble.samples - missing]
+            return shared.posterior_errors(
+                np.einsum("qp,tj->qtpj", np.eye(3), known).reshape(3, len(known), -1),
+                posterior.covariance,
+                max(1.0, 2 * left.size * (high - low) - posterior.effective),
+                ensemble.samples,
+                factors,
+            )
+
         return KernelModel(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.linalg import toeplitz
 
 from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.responses import ImpulseResponseModel
-from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
+from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standard_errors
 from tvsysid.methods.shared.residuals import (
     independent_realizations,
     noise_correlation,
@@ -114,9 +114,12 @@ def window_model(
             f"lags, where {needed} are needed to estimate the noise; record more, or shorten "
             "max_lag"
         )
-    variances = np.where(enough[:, None], coloured_variances(ensemble, windows, half), np.nan)
-    values, freedom = (padded(each, missing) for each in (np.sqrt(variances), windows.freedom))
-    errors = standard_errors(values, freedom[:, None], absent=reason)
+
+    def errors() -> dict[str, StandardError]:
+        variances = np.where(enough[:, None], coloured_variances(ensemble, windows, half), np.nan)
+        values, freedom = (padded(each, missing) for each in (np.sqrt(variances), windows.freedom))
+        return standard_errors(values, freedom[:, None], absent=reason)
+
     return impulse_response_model(ensemble, windows.weights, windows.fit, diagnostics, errors)
 
 
@@ -153,7 +156,7 @@ def impulse_response_model(
     weights: Array,
     impedance: Array,
     diagnostics: Diagnostics,
-    errors: Mapping[str, StandardError],
+    errors: Errors,
 ) -> ImpulseResponseModel:
     """Return the model of weights (time, lag) at the times whose lags lie within the context.
 

@@ -91,6 +91,9 @@ def _to_axes(axes: str | tuple[str, ...]) -> tuple[str, ...]:
 class Estimate:
     """Estimate of one quantity.
 
+    A band covers measurement noise: without bias, it contains the true value in a share ``level``
+    of repetitions. It does not cover bias from a method's assumptions, such as smoothing.
+
     Parameters
     ----------
     values
@@ -102,14 +105,7 @@ class Estimate:
         realization has its own estimate, or the name of a measured variable. The model's
         ``coordinates`` hold the values of such a variable.
     error
-        Standard error, or a function that computes it when it is first needed; None if the method
-        states none.
-
-    Notes
-    -----
-    A band covers measurement noise: without bias, it contains the true value in a share ``level``
-    of repetitions. It does not cover bias from a method's assumptions, such as smoothing. For
-    differences between realizations see :func:`tvsysid.uncertainty.bootstrap`.
+        Standard error, or a function that computes it when it is first needed, or None.
 
     Examples
     --------
@@ -132,16 +128,11 @@ class Estimate:
                 "estimate: expected real numbers, NaN where not identified, got values of type "
                 f"{values.dtype}{', some of them infinite' * is_real}"
             )
+        expected, shape = f"estimate: expected values over {', '.join(self.axes)}", values.shape
         if values.ndim != len(self.axes):
-            raise InputError(
-                f"estimate: expected values over {', '.join(self.axes)}, got an array of shape "
-                f"{values.shape}"
-            )
-        if isinstance(error, StandardError) and error.values.shape != values.shape:
-            raise InputError(
-                f"estimate: expected standard errors of the values' shape {values.shape}, got "
-                f"{error.values.shape}"
-            )
+            raise InputError(f"{expected}, got an array of shape {shape}")
+        if isinstance(error, StandardError) and error.values.shape != shape:
+            raise InputError(f"{expected}, got standard errors of shape {error.values.shape}")
 
     def __repr__(self) -> str:
         known = self.values[np.isfinite(self.values)]
@@ -165,27 +156,24 @@ class Estimate:
         level
             Probability, between 0 and 1, with which the band contains the true value.
         simultaneous
-            If True, the band contains the whole true curve with this probability. If False, it
-            contains the true value at each single time. See
-            :func:`tvsysid.numerics.bands.simultaneous_value`.
+            Whether the band contains the whole true curve with this probability, or the true value
+            at each single time. See :func:`tvsysid.numerics.bands.simultaneous_value`.
 
         Warns
         -----
         DataQualityWarning
             If there is no band at any time, with the reason. :meth:`limits` does not warn.
         """
-        error = self._error()
-        if error.absent and not np.isfinite(error.values).any():
-            warnings.warn(f"no band: {error.absent}", DataQualityWarning, stacklevel=2)
-        return error.limits(self.values, level, simultaneous)
+        error, (lower, upper) = self.standard_error, self.limits(level, simultaneous)
+        why = error.absent if error else "the method states no standard error"
+        if why and not np.isfinite(lower).any():
+            warnings.warn(f"no band: {why}", DataQualityWarning, stacklevel=2)
+        return lower, upper
 
     def limits(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
         """Return the limits of the :meth:`band` without a warning if there is none."""
-        return self._error().limits(self.values, level, simultaneous)
-
-    def _error(self) -> StandardError:
-        why = "the method states no standard error"
-        return self.standard_error or StandardError.none(self.values.shape, why)
+        error = self.standard_error or StandardError.none(self.values.shape, "")
+        return error.limits(self.values, level, simultaneous)
 
 
 @attrs.frozen(eq=False)
@@ -319,10 +307,7 @@ class Model:
         return self.over_time("inertia")
 
     def over_time(self, quantity: str) -> Array:
-        """Return an estimate over time, shape (time,). NaN if the quantity has none.
-
-        If each realization has its own estimate, return their mean.
-        """
+        """Return an estimate over time (time,), or its mean over realizations; NaN if unknown."""
         estimate = self.estimates.get(quantity)
         if estimate is None or estimate.axes not in OVER_TIME:
             return np.full(len(self.time), np.nan)
@@ -333,24 +318,20 @@ class Model:
 
         NaN where there is no band. The mean over realizations has no band.
         """
-        estimate, shape = self.estimates.get(quantity), (2, len(self.time))
-        if estimate is None or estimate.axes not in OVER_TIME:
-            return np.full(shape, np.nan)
-        is_single = estimate.values.size == shape[1]
-        return np.reshape(estimate.limits(), shape) if is_single else np.full(shape, np.nan)
+        estimate, size = self.estimates.get(quantity), len(self.time)
+        if estimate is None or estimate.axes not in OVER_TIME or estimate.values.size != size:
+            return np.full((2, size), np.nan)
+        return np.reshape(estimate.limits(), (2, size))
 
     def pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         """Return the torque of each pathway for the signals of an ensemble, by pathway.
 
         A single pathway has the name ``"intrinsic"``. The torque is in N·m, of shape
-        (realization, time), without context. It is NaN where the estimates are NaN, and where lags
-        reach beyond the samples.
+        (realization, time), without context. It is NaN where it is unknown.
         """
         if not isinstance(ensemble, Ensemble):
-            raise InputError(
-                f"predict: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording "
-                "with tvsysid.preprocess.segment, as for the identification"
-            )
+            got = f"got {type(ensemble).__name__}; cut a Recording with tvsysid.preprocess.segment"
+            raise InputError(f"predict: expected an Ensemble, {got}")
         same_rate = abs(ensemble.sampling_rate / self.sampling_rate - 1) <= 1e-9
         if ensemble.samples != len(self.time) or not same_rate:
             raise InputError(
@@ -387,10 +368,10 @@ class Model:
             span = f"{known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average"
             span += f", 95 % band ± {band:.1f}," if np.isfinite(band) else ""
         warned = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
+        seconds, samples = len(self.time) / self.sampling_rate, len(self.time)
         return (
-            f"{type(self).__name__}({self.method}: stiffness {span} over "
-            f"{len(self.time) / self.sampling_rate:g} s, identified at {known.size} of "
-            f"{len(self.time)} samples, {self.diagnostics.parameters:.3g} effective "
+            f"{type(self).__name__}({self.method}: stiffness {span} over {seconds:g} s, identified "
+            f"at {known.size} of {samples} samples, {self.diagnostics.parameters:.3g} effective "
             f"parameters){warned}"
         )
 
@@ -407,11 +388,9 @@ class Model:
     def to_xarray(self, ensemble: Ensemble | None = None) -> xr.Dataset:
         """Return all results as an xarray.Dataset, with units as attributes.
 
-        The names of an estimate's standard error and degrees of freedom end with
-        ``_standard_error`` and ``_freedom``. The names of its 95 % limits end with ``_lower`` and
-        ``_upper``. If an ensemble is given, the dataset also holds its predicted torque, named
-        ``torque_`` plus the pathway. A frequency response is complex. To split it into real
-        numbers, use :func:`tvsysid.recordings.write_models`.
+        ``_standard_error``, ``_freedom``, ``_lower`` and ``_upper`` end the names of an estimate's
+        standard error, degrees of freedom and 95 % limits. With an ensemble, the dataset also
+        holds its predicted torque, named ``torque_`` plus the pathway.
         """
         return to_dataset(self, ensemble)
 

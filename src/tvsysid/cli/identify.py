@@ -160,7 +160,7 @@ def _identify_all(
             code = 1
             remark("error", str(error))
     if not folders:
-        return code
+        return 2
     table = write_recordings(out / "report.html", folders, command_line())
     show_table("recordings", table.to_dict("records"), RECORDING_COLUMNS)
     say_written(out, ["report.html"])

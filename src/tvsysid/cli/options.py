@@ -9,6 +9,7 @@ import attrs
 from cyclopts import App, ArgumentCollection, Parameter, default_name_transform
 
 from tvsysid.cli.console import say
+from tvsysid.errors import InputError
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation, named_channels
 
 NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration"}
@@ -68,13 +69,19 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     typed = [Path(token.value) for name in FILES for token in tokens.get(name, ())]
     paths = [path for path in map(settings_file, recordings_in(typed)) if path.is_file()]
     if paths:
-        saved = saved_settings(paths[0])
+        saved, *others = map(saved_settings, paths)
+        for path, other in zip(paths[1:], others, strict=True):
+            if other != saved:
+                raise InputError(
+                    f"{paths[0]} and {path} differ; identify these recordings one at a time"
+                )
         channels = named_channels(saved.get("channels", ()))
         saved["channels"] = [f"{own}={name}" for own, name in channels.items()]
         options = {option_name(name): value for name, value in saved.items()}
         use = Dict(options, source=str(paths[0]), use_commands_as_keys=False)
         use(app, commands, arguments)
-        say(f"settings of {paths[0]}; options override them")
+        every = " for all recordings" * (len(typed) > 1 or typed[0].is_dir())
+        say(f"settings of {paths[0]}{every}; options override them")
 
 
 def rate_options(rate: float | None) -> str:

@@ -64,7 +64,7 @@ def test_one_scenario_is_shown_first_and_all_on_demand(seen):
 
 
 def test_headings_sort(seen):
-    assert len(seen["sorted"]) == len(seen["columns"]) == 11
+    assert len(seen["sorted"]) == len(seen["columns"]) == 10
     for column in seen["sorted"]:
         assert [state["sort"] for state in column] == ["ascending", "descending"]
         assert [state["others"] for state in column] == [1, 1]
@@ -81,9 +81,7 @@ def test_numbers_sort_as_numbers_and_the_missing_come_last(seen):
             there = [sign * float(number) for number in state["numbers"] if number]
             assert there == sorted(there)
             assert state["numbers"][len(there) :] == [""] * (len(state["numbers"]) - len(there))
-    assert numeric == 9
-    data = seen["sorted"][2][0]["texts"]
-    assert data == ["40"] * 4 + ["80"] * 4 + ["150"] * 4
+    assert numeric == 8
 
 
 SHOWN = """
@@ -92,7 +90,7 @@ SHOWN = """
 """
 
 
-@pytest.mark.parametrize(("name", "pictures"), [("identification_page", 2), ("experiment_page", 5)])
+@pytest.mark.parametrize(("name", "pictures"), [("identification_page", 2), ("experiment_page", 6)])
 def test_other_pages_are_shown_on_a_phone(browser, request, tmp_path, name, pictures):
     seen = look(browser, request.getfixturevalue(name), SHOWN, tmp_path)
     assert (seen["broken"], seen["images"]) == ([], [True] * pictures)

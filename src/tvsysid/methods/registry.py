@@ -102,7 +102,7 @@ def parse(text: str) -> Method:
     >>> parse("birf:tuned=true").title
     'Basis impulse response function, tuned'
     >>> parse("tvsysid.methods:ShortDataSegments:window=0.2")
-    ShortDataSegments(max_lag=0.12, window=0.2)
+    ShortDataSegments(max_lag=0.12, window=0.2, reference=None)
     """
     method: Method = from_text(text, "method")
     return method

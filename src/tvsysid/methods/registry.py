@@ -94,7 +94,7 @@ def parse(text: str) -> Method:
     Examples
     --------
     >>> parse("esm:window=0.4,stiffness=fit")
-    EnsembleSpectral(window=0.4, stiffness='fit')
+    EnsembleSpectral(window=0.4, stiffness='fit', reference=None)
     >>> parse("birf:basis=HaarWavelets(functions=8)").basis
     HaarWavelets(functions=8)
     >>> parse("kbr:gamma=(4.5, 0.1, 1e-4)").gamma

@@ -2,8 +2,8 @@
 Settings from the data
 ======================
 
-A window, a basis or a kernel can be far too coarse, and the estimate does not show it. Every
-method can choose its own.
+A basis or a kernel can be far too coarse, and the estimate does not show it. ``birf`` and ``kbr``
+choose their own.
 """
 
 import tvsysid as tv
@@ -16,7 +16,7 @@ ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2
 # %%
 # ``tuned`` returns a method of the same class, and the evidence for its settings.
 
-method = tv.ShortDataSegments()
+method = tv.BasisIRF()
 tuned, evidence = method.tuned(ensemble)
 print(evidence)
 

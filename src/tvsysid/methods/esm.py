@@ -64,7 +64,7 @@ class EnsembleSpectral(shared.ByReference):
     The second-order fit does not start from H, from which the window takes inertia and viscosity
     (fitted to H, they come out 0.017 to 0.018 kg·m² and 1.8 to 1.9 N·m·s/rad where 0.02 and 2.2 are
     true). It takes the cross-spectra of the same segments with the velocity and the acceleration,
-    which are differentiated before they are windowed (:class:`SegmentFit`). The diagnostics'
+    which are differentiated before they are windowed (``SegmentFit``). The diagnostics'
     ``second_order_agreement`` says how much of the torque that depends linearly on the angle the
     fit explains. Where the derivatives lack samples (12 to either side), segments are cut short.
 

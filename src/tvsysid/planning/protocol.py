@@ -95,7 +95,7 @@ class Sampled:
 
 @attrs.frozen(eq=False)
 class Protocol:
-    """A joint, and how it would be recorded; of a pilot recording, what :meth:`of` finds.
+    """A joint, and how it would be recorded. ``Protocol.of`` finds both in a pilot recording.
 
     ``attrs.evolve(protocol, amplitude=0.02, perturbation="prbs")`` is the same joint with another
     perturbation.

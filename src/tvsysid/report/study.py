@@ -48,7 +48,7 @@ def write_report(
     command
         What was typed to run the study, if it is to be mentioned.
     says
-        Who says so of what, as of :class:`tvsysid.studies.published_study.PublishedStudy`.
+        Who says so of what, as of ``PublishedStudy``.
     """
     traits, study = scenario_traits(results), settings_of(results, "study")
     main = main_scenario(traits)

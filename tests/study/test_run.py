@@ -77,7 +77,10 @@ def test_threads_keep_each_trial_s_doubts():
 def test_a_worker_that_dies_and_a_method_that_cannot_be_pickled_are_reported():
     unsendable = Mine()
     object.__setattr__(unsendable, "fault", threading.Lock())
-    for method, message in ((Mine("dies"), "It crashed"), (unsendable, "TypeError: cannot pickle")):
+    for method, message in (
+        (Mine("dies"), "at square.* by .*It crashed"),
+        (unsendable, "TypeError: cannot pickle"),
+    ):
         with pytest.raises(tv.InputError, match=rf"a worker failed .*{message}"):
             run(Study(**SHORT | {"methods": method}), workers=2)
 

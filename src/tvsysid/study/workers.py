@@ -68,14 +68,19 @@ def _by_executor(
             if not running:
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
+                measured = future.result()
+                yield running.pop(future), measured
     except InputError:
         raise
     except Exception as error:
+        # Tasks are begun in their order, so that each worker has one of the first.
+        begun = [tasks[file] for file in islice(running.values(), workers)]
+        names = dict.fromkeys(f" at {task.case} by {', '.join(task.methods)}" for task in begun)
         raise InputError(
-            f"run: a worker failed ({type(error).__name__}: {one_line(str(error))}). It crashed, "
-            "ran out of memory, did not start (a script must call run under `if __name__ == "
-            "'__main__':`), or could not be sent its task. Run the same command again to resume"
+            f"run: a worker failed ({type(error).__name__}: {one_line(str(error))})"
+            f"{' or'.join(names)}. It crashed, ran out of memory, did not start (a script must "
+            "call run under `if __name__ == '__main__':`), or could not be sent its task. Run the "
+            "same command again to resume"
         ) from error
     finally:
         for future in running:

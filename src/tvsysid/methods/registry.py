@@ -65,12 +65,15 @@ ATTRIBUTES = {"system": "simulate", "profile": "__call__", "perturbation": "gene
 
 def expand(methods: Iterable[Any]) -> list[Any]:
     """Return methods, with those of a group in its place: ``"published"`` or ``"all"``."""
-    groups = {"published": PAPER_METHODS, "all": (*METHODS, *installed())}
-    return [
-        method
-        for item in methods
-        for method in (groups.get(item, (item,)) if isinstance(item, str) else (item,))
-    ]
+    expanded: list[Any] = []
+    for item in methods:
+        if item == "published":
+            expanded += PAPER_METHODS
+        elif item == "all":
+            expanded += [*METHODS, *installed()]
+        else:
+            expanded.append(item)
+    return expanded
 
 
 def installed() -> dict[str, str]:
@@ -123,7 +126,8 @@ def from_text(text: str, kind: str, known: Mapping[str, object] | None = None) -
     """
     known = METHODS if known is None else known
     key, rest = _split(text, known)
-    key = installed().get(key, key) if kind == "method" else key
+    if kind == "method" and key not in known:  # reading the entry points takes milliseconds
+        key = installed().get(key, key)
     if key not in known and ":" not in key:
         raise InputError(
             f"unknown {kind} {key!r}; expected one of {', '.join(known)}, or your own as "

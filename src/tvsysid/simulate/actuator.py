@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import scipy
 
@@ -17,6 +19,17 @@ def actuate(drive: Array, rate: float) -> Array:
     samples. Were the drive held over each sample, it would lag by half a sample, and add
     0.6 N·m·s/rad of viscosity at 1 kHz.
     """
+    numerators, denominator, stiffness, damping = _bessel_filter(rate)
+    motion = np.empty((3, len(drive)))
+    for row, numerator in enumerate(numerators):
+        motion[row] = scipy.signal.lfilter(numerator, denominator, drive)
+    motion[2] = stiffness * (drive - motion[0]) - damping * motion[1]
+    return motion
+
+
+@cache
+def _bessel_filter(rate: float) -> tuple[list[list[float]], list[float], float, float]:
+    """Return the numerators of angle and velocity, their denominator, stiffness and damping."""
     _, (_, damping, stiffness) = scipy.signal.bessel(
         2, 2 * np.pi * BANDWIDTH, analog=True, norm="phase"
     )
@@ -28,11 +41,8 @@ def actuate(drive: Array, rate: float) -> Array:
     # (zI - A)^-1 (late z + early); the adjugate of zI - A is [[z - a11, a01], [a10, z - a00]].
     (a00, a01), (a10, a11) = transition
     denominator = [1.0, -(a00 + a11), a00 * a11 - a01 * a10]
-    numerators = (
+    numerators = [
         [late[0], early[0] - a11 * late[0] + a01 * late[1], a01 * early[1] - a11 * early[0]],
         [late[1], early[1] - a00 * late[1] + a10 * late[0], a10 * early[0] - a00 * early[1]],
-    )
-    angle, velocity = (
-        scipy.signal.lfilter(numerator, denominator, drive) for numerator in numerators
-    )
-    return np.stack([angle, velocity, stiffness * (drive - angle) - damping * velocity])
+    ]
+    return numerators, denominator, stiffness, damping

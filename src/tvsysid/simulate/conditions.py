@@ -103,11 +103,15 @@ class Conditions:
         recorded = slice(self.second, None)
 
         def cut(signals: Mapping[str, Array]) -> dict[str, Array]:
-            return {name: values[recorded] for name, values in signals.items()}
+            own = {name: values[recorded] for name, values in signals.items()}
+            for values in own.values():
+                values.flags.writeable = False  # so that they are not copied
+            return own
 
         torque = reduce(np.add, pathways.values()) + noise
         start = float(self.time[self.second])
+        signals = cut({"angle": angle, "torque": torque})
         recording = Recording(
-            angle[recorded], torque[recorded], self.rate, start, channels=cut(channels)
+            **signals, sampling_rate=self.rate, start=start, channels=cut(channels)
         )
         return Simulation(recording, cut(truth), cut(pathways))

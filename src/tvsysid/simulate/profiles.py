@@ -109,9 +109,10 @@ def over_time(profile: float | Profile, time: Array, rate: float) -> Array:
     number of samples.
     """
     exact = rate * (getattr(profile, "period", None) or 0.0)
-    cycle, index = round(exact), np.rint(time * rate).astype(np.int64)
+    cycle = round(exact)
     if 0 < cycle < len(time) and abs(exact - cycle) < 1e-9 * cycle:
-        return over_time(profile, np.arange(cycle) / rate, rate)[index % cycle]
+        one = over_time(profile, np.arange(cycle) / rate, rate)
+        return np.resize(np.roll(one, -round(time[0] * rate)), time.shape)
     return evaluate(profile, time)
 
 

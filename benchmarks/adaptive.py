@@ -125,7 +125,7 @@ FRESH = [
 
 @dataclass(frozen=True)
 class UnevenJoint(tv.simulate.Joint):
-    """A joint whose noise is louder about one time of the behaviour."""
+    """A joint whose noise is louder at one time of the movement."""
 
     def simulate(self, duration: float, **settings: Any) -> tv.simulate.Simulation:
         """As a joint, but for the noise."""

@@ -183,7 +183,7 @@ def participant(number: int, perturbation: str) -> tv.Ensemble:
 def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-untyped-def]
     """Number of ensembles with a finding that is false."""
     false, true, unsure, seconds, values = 0, 0, 0, [], {name: [] for name in tv.quality.FAULTS}
-    alarms, doubts = dict.fromkeys(tv.quality.FAULTS, 0), dict.fromkeys(tv.quality.FAULTS, 0)
+    alarms, uncertain = dict.fromkeys(tv.quality.FAULTS, 0), dict.fromkeys(tv.quality.FAULTS, 0)
     for name, ensemble, late in ensembles:
         started = time.perf_counter()
         diagnosis = tv.diagnose(ensemble)
@@ -200,7 +200,7 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
         unsure += any(check.state == "uncertain" for check in diagnosis.checks)
         for check in diagnosis.checks:
             if check.state == "uncertain":
-                doubts[check.name] += 1
+                uncertain[check.name] += 1
             if check.judged:
                 values[check.name].append(
                     abs(check.value) if check.name in TWO_SIDED else check.value
@@ -221,7 +221,7 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
             name,
             str(len(seen)),
             str(alarms[name]),
-            str(doubts[name]),
+            str(uncertain[name]),
             nearest,
             f"{fault.limit:g}",
             fault.unit,

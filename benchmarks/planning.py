@@ -1,7 +1,7 @@
 """How often a plan keeps its promise: run ``python benchmarks/planning.py`` from the root.
 
 Simulated joints are planned for a precision, from the stated protocol and from pilots of 20
-realizations. The number of realizations that each answer names is then simulated anew. Prints half
+realizations. The number of realizations that the plan names is then simulated anew. Prints half
 the 95 % band that is reached, bias included, beside the precision that was promised.
 """
 
@@ -17,8 +17,8 @@ from rich.table import Table
 import tvsysid as tv
 from tvsysid.metrics import total_error
 from tvsysid.planning import Plan, Protocol
-from tvsysid.planning.answers import HALF_BAND
 from tvsysid.planning.curves import identify_each
+from tvsysid.planning.plans import HALF_BAND
 from tvsysid.planning.protocol import PINK, Spectrum
 
 WHITE = Spectrum(np.array([0.0, 500.0]), np.ones(2))
@@ -47,16 +47,16 @@ def main() -> None:
             pilot = protocol.simulated(PILOT, FIRST_PILOT + number).ensemble
             plans[f"pilot {number + 1}"] = tv.plan(pilot, chosen.precision, seed=100 * number)
         for name, plan in plans.items():
-            for answer in plan.answers:
-                count = answer.realizations
+            for recording in plan.required:
+                count = recording.realizations
                 if count is None or count > protocol.most_simulated:
                     continue
-                reached = half_band(protocol, plan, answer.method, count, chosen.trials)
+                reached = half_band(protocol, plan, recording.method, count, chosen.trials)
                 kept.append((name == "stated", reached <= TOLERANCE * chosen.precision))
                 table.add_row(
                     f"{stiffness}, {perturbation}, {noise}",
                     name,
-                    answer.method,
+                    recording.method,
                     f"{count}",
                     f"{chosen.precision:g}",
                     f"{reached:.1f}" + ("" if kept[-1][1] else " missed"),

@@ -2,7 +2,7 @@
 A few basis functions: birf
 ===========================
 
-``birf`` takes the change over time as a sum of basis functions. Where they suit the behaviour,
+``birf`` takes the change over time as a sum of basis functions. Where they suit the movement,
 little data is enough.
 """
 
@@ -16,7 +16,7 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# Ten B-splines are the default. A Fourier series suits behaviour that repeats without a pause;
+# Ten B-splines are the default. A Fourier series suits a movement that repeats without a pause;
 # sparse regression puts
 # coefficients that are not needed to zero.
 

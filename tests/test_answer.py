@@ -11,10 +11,16 @@ import tvsysid as tv
 from tvsysid.quality import FAULTS, Finding
 from tvsysid.quality.diagnosis import Diagnosis
 from tvsysid.recommendation import Recommendation
-from tvsysid.recommendation.answer import DOUBTFUL, LOOP, WRONG, model_spread, trust_in
+from tvsysid.recommendation.answer import (
+    DOUBTFUL_FAULTS,
+    INVALIDATING_FAULTS,
+    LOOP_FAULTS,
+    judge_trust,
+    model_spread,
+)
 from tvsysid.recommendation.method import Measured
 
-SUITS = Recommendation(("adaptive",), "the behaviour repeats")
+SUITS = Recommendation(("adaptive",), "the movement repeats")
 NONE_SUITS = attrs.evolve(SUITS, suited=(), why="the torque is too weak. Perturb more")
 SLOW = attrs.evolve(SUITS, measured=Measured(slow_noise=12.0))
 BIASED = attrs.evolve(SUITS, measured=Measured(slow_noise=12.0, noise_bias=26.0))
@@ -49,19 +55,19 @@ def judged(model):
         stiffness = model.estimates["stiffness"]
         turned = attrs.evolve(stiffness, values=sign * stiffness.values)
         own = attrs.evolve(model, estimates={**model.estimates, "stiffness": turned})
-        return trust_in(own, method or tv.BasisIRF(), known, suited, held_out_vaf)
+        return judge_trust(own, method or tv.BasisIRF(), known, suited, held_out_vaf)
 
     return judge
 
 
-@pytest.mark.parametrize("name", [*WRONG, *LOOP])
+@pytest.mark.parametrize("name", [*INVALIDATING_FAULTS, *LOOP_FAULTS])
 def test_a_fault_that_makes_every_method_wrong_withdraws_the_stiffness(judged, name):
     level, (reason,) = judged(name, suited=False)
     assert level == "none"
     assert "--" in reason or f"{name} was seen" in reason
 
 
-@pytest.mark.parametrize("name", DOUBTFUL)
+@pytest.mark.parametrize("name", DOUBTFUL_FAULTS)
 def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
     level, (reason,) = judged(name)
     assert level == "doubtful"
@@ -83,7 +89,7 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
         (["loop-bias"], {}, "doubtful", "Closed loop: the reference changes the stiffness"),
         (["delay"], {"size": -7.0}, "doubtful", "Angle and torque are not recorded"),
         (["reflex"], {}, "doubtful", "Part of this stiffness is a stretch reflex: reflex was seen"),
-        ([], {"known": BIASED, "suited": False}, "doubtful", "The behaviour repeats. Identify by"),
+        ([], {"known": BIASED, "suited": False}, "doubtful", "The movement repeats. Identify by"),
         ([], {"known": SLOW}, "good", "The torque's noise is slow or strong. If the actuator is"),
     ],
 )

@@ -56,7 +56,7 @@ def check_method(method: Method) -> list[Check]:
     True
     """
     results: list[Check] = []
-    identify_first = cache(lambda: Trial.of(method))
+    identify_first = cache(lambda: IdentifiedJoint.of(method))
     with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         for check in CHECKS:
@@ -72,7 +72,7 @@ def check_method(method: Method) -> list[Check]:
 
 
 @attrs.frozen
-class Trial:
+class IdentifiedJoint:
     """Model that a method identified from a simulated joint with known stiffness.
 
     ``truth`` is the true stiffness over time. ``torques`` holds the noiseless torque of each
@@ -96,7 +96,7 @@ class Trial:
         context: float = 0.5,
         system: str = "",
         duration: float | None = None,
-    ) -> Trial:
+    ) -> IdentifiedJoint:
         """Simulate a joint and identify it with a method. Times are in s, the rate is in Hz."""
         kinds = {item.kind for item in method.inputs}
         default = "compliant" if "reference" in kinds else "scheduled" if kinds else "joint"
@@ -127,17 +127,17 @@ class Trial:
 Judgement = tuple[bool, str, str]  # whether the check passed, what happened, and advice if not
 
 
-def identifies_a_joint(trial: Trial) -> Judgement:
+def identifies_a_joint(joint: IdentifiedJoint) -> Judgement:
     """Identify stiffness at most times."""
-    unknown = 100 * np.isnan(trial.model.stiffness).mean()
-    names = ", ".join(["angle", "torque", *trial.ensemble.channels])
+    unknown = 100 * np.isnan(joint.model.stiffness).mean()
+    names = ", ".join(["angle", "torque", *joint.ensemble.channels])
     advice = f"{unknown:.0f} % of the values are NaN; expected numbers at most times"
-    return unknown <= 50, f"from {names} of {trial.ensemble!r}", advice
+    return unknown <= 50, f"from {names} of {joint.ensemble!r}", advice
 
 
-def estimates_what_it_declares(trial: Trial) -> Judgement:
+def estimates_what_it_declares(joint: IdentifiedJoint) -> Judgement:
     """Find all declared quantities and pathways in the model."""
-    method, found = trial.method, [*trial.model.estimates, *trial.model.pathways(trial.ensemble)]
+    method, found = joint.method, [*joint.model.estimates, *joint.model.pathways(joint.ensemble)]
     declared = {*method.quantities, *method.pathway_names}
     missing = sorted(declared.difference(found))
     return (
@@ -147,19 +147,19 @@ def estimates_what_it_declares(trial: Trial) -> Judgement:
     )
 
 
-def separates_intrinsic_and_reflex_torque(trial: Trial) -> Judgement:
+def separates_intrinsic_and_reflex_torque(joint: IdentifiedJoint) -> Judgement:
     """Compare the torque of each pathway with the truth."""
-    if "reflex" not in trial.method.pathway_names:
+    if "reflex" not in joint.method.pathway_names:
         return True, "the method has no reflex pathway", ""
-    trial = Trial.of(trial.method, system="reflex")
-    found = trial.model.pathways(trial.ensemble)
-    share = min(mean_of(vaf(torque, found[name])) for name, torque in trial.torques.items())
+    joint = IdentifiedJoint.of(joint.method, system="reflex")
+    found = joint.model.pathways(joint.ensemble)
+    share = min(mean_of(vaf(torque, found[name])) for name, torque in joint.torques.items())
     return share > 50, f"VAF {share:.1f} % or more of each pathway", "expected more than 50 %"
 
 
-def recovers_a_constant_stiffness(trial: Trial) -> Judgement:
+def recovers_a_constant_stiffness(joint: IdentifiedJoint) -> Judgement:
     """Compare the mean stiffness with the truth."""
-    mean = mean_of(trial.model.stiffness)
+    mean = mean_of(joint.model.stiffness)
     return (
         90 <= mean <= 110,
         f"mean {mean:.3g} N·m/rad, true 100",
@@ -168,11 +168,11 @@ def recovers_a_constant_stiffness(trial: Trial) -> Judgement:
     )
 
 
-def predicts_the_torque(trial: Trial) -> Judgement:
+def predicts_the_torque(joint: IdentifiedJoint) -> Judgement:
     """Predict other data of the joint."""
-    other = Trial.of(trial.method, seed=3, duration=40.0)
+    other = IdentifiedJoint.of(joint.method, seed=3, duration=40.0)
     torque = np.sum([*other.torques.values()], axis=0)
-    share = mean_of(vaf(torque, trial.model.predict(other.ensemble)))
+    share = mean_of(vaf(torque, joint.model.predict(other.ensemble)))
     return (
         share > 80,
         f"VAF {share:.1f} % of the noiseless torque in other data",
@@ -181,12 +181,12 @@ def predicts_the_torque(trial: Trial) -> Judgement:
     )
 
 
-def follows_a_changing_stiffness(trial: Trial) -> Judgement:
+def follows_a_changing_stiffness(joint: IdentifiedJoint) -> Judgement:
     """Follow a sine wave of stiffness."""
-    if trial.method.time_invariant:
+    if joint.method.time_invariant:
         return True, "the method assumes a constant joint (time_invariant = True)", ""
-    trial = Trial.of(trial.method, 2, simulate.SineWave())
-    error = np.sqrt(np.nanmean((trial.model.stiffness - trial.truth) ** 2))
+    joint = IdentifiedJoint.of(joint.method, 2, simulate.SineWave())
+    error = np.sqrt(np.nanmean((joint.model.stiffness - joint.truth) ** 2))
     return (
         error < 20,
         f"error {error:.1f} N·m/rad RMS, with a sine of ±50 N·m/rad",
@@ -195,10 +195,10 @@ def follows_a_changing_stiffness(trial: Trial) -> Judgement:
     )
 
 
-def gives_the_same_numbers_in_a_worker(trial: Trial) -> Judgement:
+def gives_the_same_numbers_in_a_worker(joint: IdentifiedJoint) -> Judgement:
     """Identify the first joint again, by a copy of the method that has identified other joints."""
-    again = Trial.of(cloudpickle.loads(cloudpickle.dumps(trial.method)))
-    same = np.allclose(again.model.stiffness, trial.model.stiffness, 1e-9, 0.0, equal_nan=True)
+    again = IdentifiedJoint.of(cloudpickle.loads(cloudpickle.dumps(joint.method)))
+    same = np.allclose(again.model.stiffness, joint.model.stiffness, 1e-9, 0.0, equal_nan=True)
     return (
         same,
         f"{'the same' if same else 'another'} stiffness the second time",
@@ -207,18 +207,18 @@ def gives_the_same_numbers_in_a_worker(trial: Trial) -> Judgement:
     )
 
 
-def scales_with_the_torque(trial: Trial) -> Judgement:
+def scales_with_the_torque(joint: IdentifiedJoint) -> Judgement:
     """Identify ten times the torque."""
-    scaled = trial.method.identify(attrs.evolve(trial.ensemble, torque=10 * trial.ensemble.torque))
-    ratio = mean_of(scaled.stiffness) / mean_of(trial.model.stiffness)
+    scaled = joint.method.identify(attrs.evolve(joint.ensemble, torque=10 * joint.ensemble.torque))
+    ratio = mean_of(scaled.stiffness) / mean_of(joint.model.stiffness)
     happened = f"ten times the torque gave {ratio:.3g} times the stiffness"
     advice = "expected 10. Does a threshold or prior suit only one scale of torque?"
     return 9.5 < ratio < 10.5, happened, advice
 
 
-def works_at_another_rate_and_length(trial: Trial) -> Judgement:
+def works_at_another_rate_and_length(joint: IdentifiedJoint) -> Judgement:
     """Identify at 128 Hz and 1.5 s."""
-    other = Trial.of(trial.method, **OTHER_RATE)
+    other = IdentifiedJoint.of(joint.method, **OTHER_RATE)
     other.model.predict(other.ensemble)  # raises if the model has another rate
     mean = mean_of(other.model.stiffness)
     return (
@@ -229,13 +229,13 @@ def works_at_another_rate_and_length(trial: Trial) -> Judgement:
     )
 
 
-def works_without_context(trial: Trial) -> Judgement:
+def works_without_context(joint: IdentifiedJoint) -> Judgement:
     """Compare the stiffness near the ends of realizations with the truth, without context."""
     try:
-        trial = Trial.of(trial.method, **OTHER_RATE, context=0.0)
+        joint = IdentifiedJoint.of(joint.method, **OTHER_RATE, context=0.0)
     except InputError as refusal:
         return True, f"refused: {refusal}", ""
-    error = np.abs(trial.model.stiffness - trial.truth)
+    error = np.abs(joint.model.stiffness - joint.truth)
     largest = np.nanmax(np.delete(error, slice(13, -13)), initial=0.0)
     return (
         largest <= 50,
@@ -244,13 +244,13 @@ def works_without_context(trial: Trial) -> Judgement:
     )
 
 
-def takes_or_refuses_few_realizations(trial: Trial) -> Judgement:
+def takes_or_refuses_few_realizations(joint: IdentifiedJoint) -> Judgement:
     """Identify three realizations, and one."""
     results = []
     for count in (3, 1):
-        few = trial.ensemble.select(range(count))
+        few = joint.ensemble.select(range(count))
         with suppress(InputError):
-            trial.method.identify(few).predict(few)
+            joint.method.identify(few).predict(few)
             results.append(count)
     return True, f"it identifies {' and '.join(map(str, results)) or 'neither 3 nor 1'}", ""
 

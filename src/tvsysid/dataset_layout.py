@@ -50,7 +50,7 @@ def layout(model: Model, ensemble: Ensemble | None) -> tuple[Variables, Variable
             variables[f"{name}_freedom"] = _variable(estimate.axes, error.freedom, None)
         for ending, values in parts.items():
             variables[name + ending] = _variable(estimate.axes, values, estimate.unit)
-    further, coordinates = model._identified()
+    further, coordinates = model._further_variables()
     if model.diagnostics.rank is not None:
         further["rank"] = ("time",), model.diagnostics.rank
     variables |= {name: _variable(*each, UNITS.get(name)) for name, each in further.items()}

@@ -187,7 +187,7 @@ class Diagnostics:
     rank
         Number of singular values kept, shape (time,). None if the method does not truncate.
     warnings
-        Reasons to doubt the result.
+        Reasons why the result may be wrong.
     seconds
         Duration of the identification in s.
     details
@@ -394,6 +394,6 @@ class Model:
         """
         return to_dataset(self, ensemble)
 
-    def _identified(self) -> tuple[Labelled, Labelled]:
+    def _further_variables(self) -> tuple[Labelled, Labelled]:
         """Return the variables and coordinates that a subclass adds to the dataset."""
         return {}, {}

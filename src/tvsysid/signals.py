@@ -238,7 +238,7 @@ def _check_context(ensemble: Ensemble, field: attrs.Attribute[Any], context: int
 
 @attrs.frozen(eq=False, repr=False)
 class Ensemble(Signals):
-    """Realizations of one repeated behaviour, aligned in time.
+    """Realizations of one repeated movement, aligned in time.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def bootstrap(
     realizations.
 
     The only assumption is that realizations are independent. The band is valid for coloured noise,
-    for noise whose strength changes over time, and for behaviour that differs between realizations.
+    for noise whose strength changes over time, and for movements that differ between realizations.
     It works with any method, your own included. It does not cover bias, and needs more than a
     handful of realizations.
 

@@ -58,7 +58,7 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
         "not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)"
         in out
     )
-    assert "Recommendation: adaptive: the behaviour repeats, and adaptive finds" in out
+    assert "Recommendation: adaptive: the movement repeats, and adaptive finds" in out
     assert "wrote tvsysid-inspect/joint.mat.angle-torque.diagnosis.html" in out
     page = (tmp_path / "tvsysid-inspect" / "joint.mat.angle-torque.diagnosis.html").read_text()
     assert "tvsysid inspect joint.mat --diagnose --angle angle" in page

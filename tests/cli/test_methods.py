@@ -10,7 +10,7 @@ def test_methods_are_listed_with_what_they_assume(tvsysid):
         "max_lag=0.12",
         "same in all realizations",
         "nearly periodic",
-        "For repeated behaviour",
+        "For repeated movements",
         "For two pathways",
         "For closed loops",
         "For a scheduling variable",

@@ -56,7 +56,7 @@ def parametrize(*names):
 
 
 @pytest.fixture(autouse=True)
-def _doubts_are_not_the_point():
+def _ignore_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DataQualityWarning)
         yield

@@ -232,7 +232,7 @@ def test_a_page_is_at_a_secret_address_of_this_computer_alone(recording):
         running.close()
     with pytest.raises(OSError, match="refused"):
         urlopen(running.url)
-    assert not steps._identified.cache_info().currsize  # no recording is kept in memory
+    assert not steps._identify.cache_info().currsize  # no recording is kept in memory
 
 
 def test_what_was_chosen_meanwhile_is_not_begun(recording, monkeypatch):

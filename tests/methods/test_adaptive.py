@@ -24,7 +24,7 @@ METHOD = tv.AdaptiveRegression()
 
 
 @pytest.fixture(autouse=True)
-def _doubts_are_not_the_point():
+def _ignore_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DataQualityWarning)
         yield

@@ -12,7 +12,7 @@ from tvsysid.methods.adaptive.model import switches_of
 
 
 @pytest.fixture(autouse=True)
-def _doubts_are_not_the_point():
+def _ignore_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DataQualityWarning)
         yield

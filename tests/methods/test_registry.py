@@ -215,7 +215,7 @@ def test_description():
     mine = describe("mine_for_tests:Fit")
     assert (mine.title, mine.assumptions) == ("My fit", ("All is well.",))
     assert describe("mine_for_tests:Plain") == (
-        *("Plain", "repeated behaviour", (), ("stiffness", "viscosity", "inertia"), ()),
+        *("Plain", "repeated movements", (), ("stiffness", "viscosity", "inertia"), ()),
         ("gain = 1.0", "label = 'none'"),
     )
 

@@ -1,4 +1,4 @@
-"""Planning: the law that errors follow, what a pilot shows, and what is answered."""
+"""Planning: the law that errors follow, what a pilot shows, and what must be recorded."""
 
 import attrs
 import numpy as np
@@ -8,9 +8,9 @@ from tests.drawing import draw
 
 import tvsysid as tv
 from tvsysid.errors import InputError
-from tvsysid.planning import Answer, Curve, Plan, Protocol
-from tvsysid.planning.answers import HALF_BAND, MARGIN
+from tvsysid.planning import Curve, Plan, Protocol, RequiredRecording
 from tvsysid.planning.curves import identify_each, scatter
+from tvsysid.planning.plans import HALF_BAND, MARGIN
 
 COUNTS = np.array([5.0, 20.0, 80.0, 320.0])
 
@@ -81,9 +81,9 @@ def test_a_pilot_with_a_reversed_torque_is_refused():
 def test_the_reflex_of_a_pilot_is_simulated_and_its_bias_counts():
     pilot = Protocol.of(Protocol(system="reflex", snr_db=25).simulated(40, 1).ensemble)
     assert pilot.system.reflex_gain.values.mean() == pytest.approx(8, rel=0.15)
-    answer = tv.plan(pilot, 8.0, methods=["birf"]).answers[0]
-    assert answer.realizations is None
-    assert "its bias alone is" in answer.why
+    needed = tv.plan(pilot, 8.0, methods=["birf"]).required[0]
+    assert needed.realizations is None
+    assert "its bias alone is" in needed.why
 
 
 def test_a_pilot_with_another_perturbation_and_amplitude():
@@ -103,7 +103,7 @@ def test_realizations_that_differ_need_more_of_them():
     stiffer = np.where(np.arange(len(ensemble)) % 3, 0.0, 50.0)[:, None]
     other = attrs.evolve(ensemble, torque=ensemble.torque + stiffer * ensemble.angle)
     same, differs = (
-        tv.plan(each, methods=["birf"]).answers[0].excess for each in (ensemble, other)
+        tv.plan(each, methods=["birf"]).required[0].excess for each in (ensemble, other)
     )
     assert same < 1.25
     law = attrs.evolve(curve(30 / np.sqrt(COUNTS)), excess=differs)
@@ -111,9 +111,9 @@ def test_realizations_that_differ_need_more_of_them():
     assert 1.6 < differs < 2.4
 
 
-def test_answers(planned):
-    assert len(planned.answers) == len(planned.table()) == 4
-    slow, fast = planned.answers[:2]
+def test_required_recordings(planned):
+    assert len(planned.required) == len(planned.table()) == 4
+    slow, fast = planned.required[:2]
     assert slow.realizations is None
     assert "its bias alone is" in slow.why
     assert "to follow a step" in slow.why
@@ -140,11 +140,11 @@ def test_a_recording_that_is_planned_holds_its_realizations(context, period):
 
 
 def test_duration_is_never_rounded_down():
-    answer = Answer("noise", "birf", 19, 31.5, 4.0, 1.0, 0.1)
-    plan = Plan(5.0, None, {"noise": Protocol(period=1.5)}, {}, {}, (answer,))
+    needed = RequiredRecording("noise", "birf", 19, 31.5, 4.0, 1.0, 0.1)
+    plan = Plan(5.0, None, {"noise": Protocol(period=1.5)}, {}, {}, (needed,))
     assert "19 realizations of 1.5 s; record 31.5 s, as those at both ends lack" in str(plan)
-    assert answer._replace(seconds=3 * 0.1).duration == "0.3 s"
-    assert answer._replace(seconds=121.0).duration == "2.1 min"
+    assert needed._replace(seconds=3 * 0.1).duration == "0.3 s"
+    assert needed._replace(seconds=121.0).duration == "2.1 min"
 
 
 @pytest.mark.slow
@@ -156,19 +156,19 @@ def test_what_is_planned_is_reached():
         methods=["birf"],
         progress=lambda *step: steps.append(step),
     )
-    assert steps == [(number, 4) for number in range(5)]  # of three sizes, and the answer
+    assert steps == [(number, 4) for number in range(5)]  # of three sizes, and the result
     assert plan.best.method == "birf"
     assert f"{plan.best.realizations} realizations of 2 s" in str(plan)
-    (answer,), (law,) = plan.answers, plan.curves.values()
-    assert answer.half_width == HALF_BAND * law.at(answer.realizations).random
-    assert law.at(answer.realizations).total <= 8 / HALF_BAND / MARGIN
-    assert not law.at(answer.realizations - 1).total <= 8 / HALF_BAND / MARGIN
+    (needed,), (law,) = plan.required, plan.curves.values()
+    assert needed.half_width == HALF_BAND * law.at(needed.realizations).random
+    assert law.at(needed.realizations).total <= 8 / HALF_BAND / MARGIN
+    assert not law.at(needed.realizations - 1).total <= 8 / HALF_BAND / MARGIN
     made = (
-        plan.setups[answer.setup].simulated(answer.realizations, 1000 + trial).ensemble
+        plan.setups[needed.setup].simulated(needed.realizations, 1000 + trial).ensemble
         for trial in range(40)
     )
     reached = HALF_BAND * scatter(identify_each(plan.methods["birf"], made)[0])
-    assert reached == pytest.approx(answer.half_width, rel=0.15)
+    assert reached == pytest.approx(needed.half_width, rel=0.15)
 
 
 @pytest.mark.parametrize(

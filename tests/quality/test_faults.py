@@ -263,7 +263,7 @@ def against_the_wave(ensemble):
         (lambda ensemble: -ensemble.torque, {"weak-answer"}, 90),
     ],
 )
-def test_half_of_the_realizations_of_another_behaviour(perturbation, differently, further, least):
+def test_half_of_the_realizations_of_another_movement(perturbation, differently, further, least):
     findings = found(faults.halved(cut(simulated(perturbation=perturbation)), differently))
     assert set(findings) == {"scattered-realizations"} | further
     assert findings["scattered-realizations"].value > least

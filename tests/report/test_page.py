@@ -57,7 +57,7 @@ def test_claims_with_verdicts_in_words_and_symbols(elements):
 
 def test_assumptions_failures_and_warnings(elements):
     assert "sds:window=0.2: Short data segments" in section(elements, "methods")
-    assert "Behaviour is the same in all realizations." in section(elements, "methods")
+    assert "The movement is the same in all realizations." in section(elements, "methods")
     text = section(elements, "problems")
     reason = "square-noise-40s-10dB: KernelRegression: the record is <too short>"
     assert f"kbr failed 9 9 {reason}" in text

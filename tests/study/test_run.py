@@ -67,7 +67,7 @@ def test_more_methods_trials_and_scenarios_change_no_number(results):
 
 
 @pytest.mark.slow
-def test_threads_keep_each_trial_s_doubts():
+def test_threads_keep_the_warnings_of_each_trial():
     study = Study(duration_s=[40, 80], trials=2, methods=["eirf", "sds"])
     with ThreadPoolExecutor(4) as executor:
         same(run(study, executor=executor), run(study, workers=1))

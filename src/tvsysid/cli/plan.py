@@ -155,14 +155,14 @@ def _show(found: Plan) -> None:
         "follows a step in (s)": "rise_time:.2f",
     }
     for setup in found.setups:
-        answers = [each for each in found.answers if each.setup == setup]
+        rows = [each for each in found.required if each.setup == setup]
         records = []
-        for each in answers:
+        for each in rows:
             record, bias = each.duration if each.realizations else None, found.multiple * each.bias
             both = math.hypot(each.half_width, bias)
             records.append(each._asdict() | {"record": record, "bias": bias, "both": both})
         show_table(setup, records, columns)
-        for each in answers:
+        for each in rows:
             if each.why:
                 say(f"  {each.method} does not suffice: {each.why}")
             if each.excess > MAX_EXCESS:

@@ -37,7 +37,7 @@ def simulate(
     The file holds `angle` (rad), `torque` (N·m, with noise) and the system's further channels, such
     as `emg`. It also holds the truth: `noiseless_torque` (N·m), that of each pathway if there are
     several (`torque_reflex`), and `stiffness` (N·m/rad), `viscosity` (N·m·s/rad), `inertia` (kg·m²)
-    and the system's other true quantities. The behaviour repeats every 2 s. The file of a
+    and the system's other true quantities. The movement repeats every 2 s. The file of a
     participant has a column for each trial of 70 s at 1024 Hz, and `target` (N·m), the torque that
     the participant was asked to produce.
 

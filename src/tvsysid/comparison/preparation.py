@@ -15,8 +15,8 @@ from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import predicts_better
 from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
-from tvsysid.recommendation.answer import LOOP
-from tvsysid.recommendation.method import WRONG
+from tvsysid.recommendation.answer import LOOP_FAULTS
+from tvsysid.recommendation.method import INVALIDATING_FAULTS
 from tvsysid.recordings.reading import Segmentation
 from tvsysid.signals import Array, Ensemble, Recording
 
@@ -164,7 +164,7 @@ def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> 
         What was found and done. Empty if no delay is found.
     """
     faults = {each.name: each for each in diagnosis.findings}
-    if "delay" not in faults or faults.keys() & {*WRONG, *LOOP}:
+    if "delay" not in faults or faults.keys() & {*INVALIDATING_FAULTS, *LOOP_FAULTS}:
         return 0.0, ""
     what = faults["delay"].what.partition(";")[0]
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000

@@ -32,8 +32,8 @@ class Outcome:
 
 def forget() -> None:
     """Release the recordings and their results."""
-    _identified.cache_clear()
-    _prepared.cache_clear()
+    _identify.cache_clear()
+    _prepare.cache_clear()
 
 
 def outcome(settings: Settings, quantity: str = "stiffness", simultaneous: bool = False) -> Outcome:
@@ -46,17 +46,17 @@ def outcome(settings: Settings, quantity: str = "stiffness", simultaneous: bool 
     """
     source = settings.source
     changed = source.stat().st_mtime_ns if isinstance(source, Path) and source.exists() else 0
-    prepared, found, notes = _identified(settings, changed)
+    prepared, found, notes = _identify(settings, changed)
     figure = identified_quantity(found.models, quantity, simultaneous=simultaneous)
     return Outcome(settings, prepared, found, notes, drawn(figure, "svg"))
 
 
 @lru_cache(maxsize=16)
-def _identified(
+def _identify(
     settings: Settings, changed: int
 ) -> tuple[PreparedRecording, Comparison, tuple[str, ...]]:
     centered = tuple(centered_channels([parse(settings.method)]))
-    prepared, before = _prepared(attrs.evolve(settings, method=""), centered, changed)
+    prepared, before = _prepare(attrs.evolve(settings, method=""), centered, changed)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         methods = [] if settings.method == "adaptive" else [settings.method]
@@ -67,7 +67,7 @@ def _identified(
 
 
 @lru_cache(maxsize=8)
-def _prepared(
+def _prepare(
     settings: Settings, centered: tuple[str, ...], changed: int
 ) -> tuple[PreparedRecording, tuple[str, ...]]:
     source = settings.source

@@ -33,17 +33,17 @@ def planned_recording(plan: Plan, title: str = "") -> Figure:
 
 def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
     looks = style.lines(list(plan.methods))
-    for answer in plan.answers:
-        curve, look = plan.curves[setup, answer.method], looks[answer.method]
-        if answer.setup != setup or not curve.realizations.size:
+    for recording in plan.required:
+        curve, look = plan.curves[setup, recording.method], looks[recording.method]
+        if recording.setup != setup or not curve.realizations.size:
             continue
         counts = np.geomspace(curve.realizations[0], curve.realizations[-1], SAMPLES)
         half = np.array([plan.multiple * curve.at(each).total for each in counts])
         minutes = np.array([plan.setups[setup].seconds(each) / 60 for each in counts])
         style.curve(axes, minutes, half, **look)
-        if answer.realizations is not None:
+        if recording.realizations is not None:
             dot = look | {"markersize": 9.0, "linestyle": "", "label": ""}
-            axes.plot(answer.seconds / 60, plan.precision, **dot)
+            axes.plot(recording.seconds / 60, plan.precision, **dot)
     axes.axhline(plan.precision, color=style.INK, linestyle=":", label="wish")
     label = "stiffness: ± at 95 %, bias included (N·m/rad)"
     axes.set(xlabel="minutes recorded", ylabel=label, title=setup, xscale="log", yscale="log")
@@ -53,7 +53,7 @@ def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
 
 def _draw_rise_times(axes: Axes, plan: Plan) -> None:
     looks = style.lines(list(plan.methods))
-    for each in plan.answers:
+    for each in plan.required:
         color, label = looks[each.method]["color"], f"{each.method},\n{each.setup}"
         bar = axes.barh(label, np.nan_to_num(each.rise_time), color=color)
         axes.bar_label(bar, [f"{each.rise_time:.2g} s"], padding=3, fontsize=7)

@@ -96,7 +96,7 @@ class BasisIRF(shared.ByReference):
     title = "Basis impulse response function"
     can_be_tuned = True
     assumptions = (
-        "Behaviour is the same in all realizations.",
+        "The movement is the same in all realizations.",
         "Its change over time is a sum of the basis functions chosen; faster changes are missed.",
         "For stiffness: the joint is of second order (inertia, viscosity, stiffness).",
     )

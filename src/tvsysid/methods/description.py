@@ -36,7 +36,7 @@ def describe(text: str) -> Description:
     ('closed loops', ("the disturbance that was applied (channel 'disturbance')",))
     """
     method = parse(text)
-    purpose, reports = "repeated behaviour", []
+    purpose, reports = "repeated movements", []
     if len(method.pathway_names) > 1:
         purpose, reports = "two pathways", ["the torque of each pathway"]
     needs = [NEEDS[item.kind].format(item) for item in method.inputs]

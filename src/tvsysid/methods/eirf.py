@@ -66,7 +66,7 @@ class EnsembleIRF(Method):
     key = "eirf"
     title = "Ensemble impulse response function"
     assumptions = (
-        "Behaviour is the same in all realizations.",
+        "The movement is the same in all realizations.",
         "Nothing is assumed of the dynamics, or of how they change in time.",
         "Many realizations are needed: at least as many as lags, better a few hundred.",
     )

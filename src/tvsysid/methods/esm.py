@@ -80,7 +80,7 @@ class EnsembleSpectral(shared.ByReference):
     key = "esm"
     title = "Ensemble spectral method"
     assumptions = (
-        "Behaviour is the same in all realizations.",
+        "The movement is the same in all realizations.",
         "The joint is constant over a short window, which limits the fastest change that is seen "
         "and the resolution in frequency.",
     )

@@ -74,7 +74,7 @@ class ModalDecomposition(base.Method):
     assumptions = (
         "The joint is of second order, lightly damped, and free between impulses of torque.",
         "Nothing else moves it; its impedance hardly changes within a window.",
-        "Behaviour is the same in all realizations.",
+        "The movement is the same in all realizations.",
     )
     differs = (
         "It is read from how the joint rings after each impulse, and means nothing where that dies "

@@ -28,7 +28,7 @@ class ImpulseResponseModel(Model):
         n = len(self.lags) // 2
         return {"intrinsic": _convolve(ensemble, self.impulse_response / self.sampling_rate, n, n)}
 
-    def _identified(self) -> tuple[Labelled, Labelled]:
+    def _further_variables(self) -> tuple[Labelled, Labelled]:
         return {"impulse_response": (("time", "lag"), self.impulse_response)}, {
             "lag": (("lag",), self.lags)
         }
@@ -62,7 +62,7 @@ class FrequencyResponseModel(Model):
         before, after = self.segment // 2, (self.segment - 1) // 2
         return {"intrinsic": _convolve(ensemble, weights, before, after)}
 
-    def _identified(self) -> tuple[Labelled, Labelled]:
+    def _further_variables(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {
             "frequency_response": (("time", "frequency"), self.frequency_response),
             "coherence": (("time", "frequency"), self.coherence),
@@ -82,7 +82,7 @@ class SecondOrderModel(Model):
     covariance: Array = attrs.field(converter=read_only)
     labels: tuple[str, ...]
 
-    def _identified(self) -> tuple[Labelled, Labelled]:
+    def _further_variables(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {
             "coefficients": (("coefficient",), self.coefficients),
             "covariance": (("coefficient", "other_coefficient"), self.covariance),

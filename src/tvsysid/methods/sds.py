@@ -60,7 +60,7 @@ class ShortDataSegments(shared.ByReference):
     key = "sds"
     title = "Short data segments"
     assumptions = (
-        "Behaviour is the same in all realizations.",
+        "The movement is the same in all realizations.",
         "The joint is constant over a short window, which limits the fastest change that is seen.",
         "Nothing is assumed of the dynamics.",
     )

@@ -57,7 +57,7 @@ class SubspaceCascade(Method):
 
     Notes
     -----
-    Realizations that follow each other are one record. Others are short segments of one behaviour.
+    Realizations that follow each other are one record. Others are short segments of one movement.
     The state in which each segment begins is estimated too, and segments must be longer than two
     horizons.
 

@@ -102,7 +102,7 @@ class GaussianBumps:
 
 @attrs.frozen
 class HaarWavelets:
-    """The constant and the first Haar wavelets: steps, for behaviour that switches.
+    """The constant and the first Haar wavelets: steps, for stiffness that switches.
 
     A power of two gives as many equal steps as functions.
 

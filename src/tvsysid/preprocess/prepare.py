@@ -263,7 +263,7 @@ def prepare(
     Parameters
     ----------
     recording
-        Trials in which one behaviour was repeated, with the target as a channel.
+        Trials in which one movement or torque was repeated, with the target as a channel.
     reference
         Name of the channel with the target torque in N·m. With None, nothing is aligned.
     rate

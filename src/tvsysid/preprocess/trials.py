@@ -224,7 +224,7 @@ def segment(
     Parameters
     ----------
     period
-        Duration of a realization in s: a whole number of samples. None, for behaviour that is not
+        Duration of a realization in s: a whole number of samples. None, for movements that are not
         repeated, makes one realization of each trial. All are as long as the shortest trial without
         its context.
     context

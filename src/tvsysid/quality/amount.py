@@ -31,7 +31,7 @@ DIGITS = 9  # after the point, in standard deviations, in which copies agree
     "realizations",
     effect="the random error falls with the square root of their number; methods that look at each "
     "time by itself need more realizations than they have lags",
-    remedy="record more, or cut shorter realizations if the behaviour repeats more often",
+    remedy="record more, or cut shorter realizations if the movement repeats more often",
     wrong="below",
 )
 def few_realizations(data: FittedEnsemble) -> Measured:

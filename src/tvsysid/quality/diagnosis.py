@@ -34,7 +34,7 @@ OF_MORE_DATA = ("loop-bias", "gaps", "mains")
 AS_GIVEN = ("same-channel", "mean-torque", "mean-angle", "angle-offset", "torque-offset")
 # Checks that do not assume that the torque responds to the angle.
 OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")
-# Checks that assume the same behaviour in all realizations.
+# Checks that assume the same movement in all realizations.
 OF_REPETITION = (
     "drift",
     "misaligned-realizations",
@@ -144,12 +144,12 @@ def diagnose(
     Parameters
     ----------
     ensemble
-        Realizations of one repeated behaviour. If their mean is not subtracted, a check finds it.
+        Realizations of one repeated movement. If their mean is not subtracted, a check finds it.
     reference
         Channel with the disturbance that was applied, or the actuator's command. It shows best
         whether the joint is in closed loop (``loop-bias``).
     repeats
-        Whether the behaviour is the same in all realizations. It is False for pieces of a record
+        Whether the movement is the same in all realizations. It is False for pieces of a record
         without a period. Drift, a wrong period and realizations unlike the others are then not
         judged.
     recording
@@ -185,7 +185,7 @@ def diagnose(
         found["loop-bias"] = data.finding("loop-bias", reference)
     if recording is not None:
         found |= diagnose_recording(recording)
-    reasons = {} if repeats else dict.fromkeys(OF_REPETITION, "the behaviour is not repeated")
+    reasons = {} if repeats else dict.fromkeys(OF_REPETITION, "the movement is not repeated")
     if found["same-channel"].found:
         others = found.keys() - OF_ANY_SIGNAL
         reasons |= dict.fromkeys(others, "angle and torque are one signal")

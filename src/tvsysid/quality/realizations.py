@@ -1,4 +1,4 @@
-"""Check that all realizations share one behaviour: none drifts, differs or is misplaced."""
+"""Check that all realizations share one movement: none drifts, differs or is misplaced."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ MIN_REPEAT = 0.7  # correlation of the stiffness in odd and even realizations
 MIN_CYCLES, MAX_CYCLES = 0.3, 3.3
 RESOLUTION = 0.25  # step in frequency, in one over the record's length
 # Distance from a harmonic, likewise, within which a line is no other period; the second of a
-# behaviour that drifts.
+# movement that drifts.
 NEAR, NEAR_DRIFTING = 0.2, 4.0
 NEAR_HARMONIC = 0.1  # the same as a share of the harmonic's number, for the name of the period
-BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a beat, no behaviour
+BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a beat, no movement
 
 
 @check(
     "drift",
-    "The behaviour drifts over the experiment",
+    "Stiffness drifts over the experiment",
     "stiffness of the second half minus that of the first, over the first",
     10,
     "%",
-    effect="the result is a mean of different behaviours and describes none of them",
+    effect="the result is a mean of different stiffnesses and describes none of them",
     remedy="identify the parts of the experiment separately; let people rest or warm up before",
 )
 def drift(data: FittedEnsemble) -> Measured:
@@ -169,12 +169,12 @@ def _is_outlying(values: Array, least: float, errors: Array | float = 0.0) -> ND
 
 @check(
     "scattered-realizations",
-    "Realizations are of different behaviours",
+    "Realizations are of different movements",
     "standard deviation over realizations of the stiffness, beyond noise and drift, over the RMS "
     "of the stiffness",
     10,
     "%",
-    effect="the result is a mean of different behaviours and describes none of them; bands do not "
+    effect="the result is a mean of different movements and describes none of them; bands do not "
     "show it",
     remedy="sort the realizations by what may differ (task, muscle activity, instruction), and "
     "identify each kind separately; if it was recorded, let the joint follow it (tvsysid identify "
@@ -184,14 +184,14 @@ def scattered_realizations(data: FittedEnsemble) -> Measured:
     """Test whether stiffness differs between realizations by more than noise and drift.
 
     How far a realization's stiffness is from that of all is estimated in each tenth of its time.
-    Noise differs from part to part. A realization of another behaviour differs in all parts, by
+    Noise differs from part to part. A realization of another movement differs in all parts, by
     the pattern in time of others that differ. So the products of two parts that are no neighbours,
     weighted by the pattern of other realizations, are on average the variance that is sought. The
     noise need not be known. The test is by their scatter over realizations. It holds for any number
     of realizations that differ, where a median breaks down at half of them.
 
     Outliers are left out. With a wrong period, each realization holds
-    another part of the behaviour anyway.
+    another part of the movement anyway.
     """
     if data.finding("wrong-period").found:
         raise NotApplicable("the period is wrong")
@@ -256,7 +256,7 @@ def _shared_variances(change: Array) -> Array:
     remedy="align them before the mean is subtracted (tv.preprocess.align), or exclude them",
 )
 def misaligned_realizations(data: FittedEnsemble) -> Measured:
-    """Return the share of realizations that the common behaviour explains better when shifted.
+    """Return the share of realizations that the common movement explains better when shifted.
 
     Equal filters of both channels leave hardly any noise at high frequency, where only the error
     of the fit shows. So a shift must also show after a low-pass.
@@ -296,10 +296,10 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     """Find stiffness that varies with a period of which no whole number fits a realization.
 
     The residual is projected on the torque of stiffness at each sample. A line in that series
-    between harmonics of the period is a behaviour of another period. The series has no part at
+    between harmonics of the period is a movement of another period. The series has no part at
     the harmonics only if it is that of the fitted signals. So stiffness and viscosity are fitted
     again to the whitened signals. The test compares the power of a line with that of realizations
-    of random phase. Near the harmonics of a behaviour that drifts, no line is looked for.
+    of random phase. Near the harmonics of a movement that drifts, no line is looked for.
     """
     ensemble, fit, count = data.ensemble, data.fit, len(data)
     data.require()

@@ -21,7 +21,12 @@ from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis, Finding
-from tvsysid.recommendation.method import MIN_INFORMATION, RECORD_REFERENCE, WRONG, Recommendation
+from tvsysid.recommendation.method import (
+    INVALIDATING_FAULTS,
+    MIN_INFORMATION,
+    RECORD_REFERENCE,
+    Recommendation,
+)
 from tvsysid.signals import Array, Ensemble
 
 CRITICAL_VALUE = 1.96  # standard deviations within which 95 % of methods would lie
@@ -30,9 +35,9 @@ MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 MAX_REASONS = 3
 # Faults that make every method without a reference wrong.
-LOOP = ("loop-bias", "feedback")
+LOOP_FAULTS = ("loop-bias", "feedback")
 # Faults that make the stiffness doubtful, the worst first.
-DOUBTFUL = (
+DOUBTFUL_FAULTS = (
     "clipped-angle",
     "clipped-torque",
     "sampling-rate",
@@ -181,7 +186,7 @@ def answer(
     method, model = methods[label], models[label]
     vafs = {name: _known_vaf(each, held_out_vaf.get(name)) for name, each in models.items()}
     typical = float(np.median(vafs[label]))
-    trust, reasons = trust_in(model, method, recommendation, label in suited, typical)
+    trust, reasons = judge_trust(model, method, recommendation, label in suited, typical)
     means = {name: mean_of(each) for name, each in vafs.items()}
     spread = model_spread(ensemble, methods, models, label, means)
     return Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
@@ -211,7 +216,7 @@ def model_spread(
     methods have an estimate.
     """
     own, without_reflex = models[label], ensemble
-    pathways = own.pathways(ensemble) if reflex_shown(own) else {}
+    pathways = own.pathways(ensemble) if is_reflex_detected(own) else {}
     if "reflex" in pathways:
         torque = ensemble.torque.copy()
         torque[:, ensemble.core] -= np.nan_to_num(pathways["reflex"])
@@ -233,7 +238,7 @@ def model_spread(
     )
 
 
-def trust_in(
+def judge_trust(
     model: Model,
     method: Method,
     recommendation: Recommendation,
@@ -258,7 +263,9 @@ def trust_in(
     found = diagnosis.findings if isinstance(diagnosis, Diagnosis) else ()
     faults = {each.name: each for each in found}
     has_reference = any(item.kind == "reference" for item in method.inputs)
-    loop = [] if has_reference else [_reason(faults[name]) for name in LOOP if name in faults]
+    loop = (
+        [] if has_reference else [_reason(faults[name]) for name in LOOP_FAULTS if name in faults]
+    )
     wrong = _invalidating_fault(model, faults)
     # With a wrong period, any channel seems to move the joint.
     if not has_reference and "wrong-period" not in faults:
@@ -274,13 +281,13 @@ def trust_in(
             wrong = [UNPREDICTED]
     if wrong:
         return "none", tuple(wrong[:MAX_REASONS])
-    doubts, cautions = [*loop, *_doubts(model, method, faults)], []
+    reasons, cautions = [*loop, *_possible_faults(model, method, faults)], []
     if not has_reference and measured.is_biased and not is_suited:
         first = recommendation.suited[0]
-        doubts.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
+        reasons.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
     elif not has_reference and measured.is_loud:
         cautions = [POSSIBLE_LOOP]
-    return "doubtful" if doubts else "good", (*doubts, *cautions)[:MAX_REASONS]
+    return "doubtful" if reasons else "good", (*reasons, *cautions)[:MAX_REASONS]
 
 
 def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str]:
@@ -289,7 +296,7 @@ def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str
     Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
     another signal in place of the torque, make it much softer.
     """
-    names = [name for name in WRONG if name in faults]
+    names = [name for name in INVALIDATING_FAULTS if name in faults]
     if names[:2] == ["torque-unit", "angle-unit"]:
         is_degrees = math.degrees(faults["torque-unit"].value) > MIN_STIFFNESS
         names = names[1:] if is_degrees else names
@@ -299,10 +306,10 @@ def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str
     return [_reason(faults[name]) for name in names[:1]]
 
 
-def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
+def _possible_faults(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
     """Yield each fault that may make the stiffness wrong, with its remedy."""
     gain = model.estimates.get("reflex_gain")
-    if gain is not None and gain.unit == UNITS["reflex_gain"] and reflex_shown(model):
+    if gain is not None and gain.unit == UNITS["reflex_gain"] and is_reflex_detected(model):
         upper = gain.limits()[1]
         share = 100 * mean_of(np.where(np.isfinite(upper), upper < 0, np.nan))
         if share > MAX_NEGATIVE_PERCENT:
@@ -314,7 +321,7 @@ def _doubts(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iter
     if "reflex" in faults and has_one_pathway(method, model):
         reflex = faults["reflex"]
         yield f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}."
-    for found in (faults[name] for name in DOUBTFUL if name in faults):
+    for found in (faults[name] for name in DOUBTFUL_FAULTS if name in faults):
         if found.name != "delay" or abs(found.value) > MAX_DELAY_MS:
             yield _reason(found)
 
@@ -335,6 +342,6 @@ def has_one_pathway(method: Method, model: Model) -> bool:
     return "reflex" not in method.pathway_names and "reflex_gain" not in model.estimates
 
 
-def reflex_shown(model: Model) -> bool:
+def is_reflex_detected(model: Model) -> bool:
     """Return whether the data support the reflex pathway of a model."""
     return bool(model.diagnostics.details.get("reflex_shown", True))

@@ -28,7 +28,13 @@ CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
 LOWER = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise_bias:.0f}} % lower"
 RECORD_REFERENCE = "Record the disturbance or the actuator's command"
 # Faults that make every method's stiffness wrong, the cause of others first.
-WRONG = ("same-channel", "torque-unit", "angle-unit", "reversed-torque", "wrong-period")
+INVALIDATING_FAULTS = (
+    "same-channel",
+    "torque-unit",
+    "angle-unit",
+    "reversed-torque",
+    "wrong-period",
+)
 
 
 @attrs.frozen
@@ -87,7 +93,7 @@ RULES = (
         "the joint follows {scheduling!r}, which was recorded and differs between realizations",
     ),
     Rule(
-        lambda data: bool(data.faults.intersection(WRONG)),
+        lambda data: bool(data.faults.intersection(INVALIDATING_FAULTS)),
         (),
         "the data have a fault that makes every method's stiffness wrong. tv.diagnose(ensemble) "
         "(tvsysid inspect --diagnose) names it, and says what to do",
@@ -141,7 +147,7 @@ RULES = (
     Rule(
         lambda data: True,
         ("adaptive", "kbr:tuned=true", "kbr"),
-        "the behaviour repeats, and adaptive finds from the data how fast stiffness changes, and "
+        "the movement repeats, and adaptive finds from the data how fast stiffness changes, and "
         "whether it switches",
     ),
 )

@@ -38,13 +38,13 @@ class UsableTrials(NamedTuple):
         The usable trials. None if no trial is usable.
     names
         Name of each trial: its file, or file and number of the trial.
-    refused
+    unusable
         Reason why a trial cannot be used, by the name of each trial that is left out.
     """
 
     recording: Recording | None
     names: tuple[str, ...]
-    refused: dict[str, str]
+    unusable: dict[str, str]
 
 
 def read_recording(path: str | Path, reading: Reading | None = None, **settings: Any) -> Recording:
@@ -111,12 +111,12 @@ def read_usable_trials(
         Minimum duration of a trial in s.
     """
     usable: dict[str, Recording] = {}
-    refused: dict[str, str] = {}
+    unusable: dict[str, str] = {}
     for label, file in paths.items():
         try:
             channels, signals, starts = _read_signals(file, reading)
         except InputError as error:
-            refused[label] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ")
+            unusable[label] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ")
             continue
         for number, trial in enumerate(map(slice, starts, (*starts[1:], None)), start=1):
             name = label if len(starts) == 1 else f"{label}, trial {number}"
@@ -128,12 +128,12 @@ def read_usable_trials(
                         "that a realization and the trimmed ends need"
                     )
             except InputError as error:
-                refused[name] = str(error)
+                unusable[name] = str(error)
                 continue
             usable[name] = recording
             _warn(name, channels, recording, reading)
     joined = join_trials([*usable.values()]) if usable else None
-    return UsableTrials(joined, tuple(usable), refused)
+    return UsableTrials(joined, tuple(usable), unusable)
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:

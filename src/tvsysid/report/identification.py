@@ -23,7 +23,7 @@ from tvsysid.methods.base import Method
 from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning import Tuned
 from tvsysid.numerics.bands import mean_of
-from tvsysid.recommendation.answer import has_one_pathway, reflex_shown
+from tvsysid.recommendation.answer import has_one_pathway, is_reflex_detected
 from tvsysid.report.estimates import estimates, further
 from tvsysid.report.page import filled, render
 from tvsysid.validators import settings_of as setting_values
@@ -140,7 +140,7 @@ def methods_paragraph(found: Comparison, corrections: Sequence[str] = ()) -> str
         settings=settings_of,
         folds=min(FOLDS, len(found.ensemble)),
         in_sample=mean_of(found.vaf[found.answer.label]),
-        reflex_shown=reflex_shown(found.answer.model),
+        reflex_detected=is_reflex_detected(found.answer.model),
         one_pathway=[
             label
             for label, model in found.models.items()

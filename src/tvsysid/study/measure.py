@@ -57,8 +57,8 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
             else:
                 model = method.identify(ensemble)
                 scores |= _scores_of(model, ensemble, truth)
-                doubts = (one_line(f"{method.key}: {each}") for each in model.diagnostics.warnings)
-                texts["warnings"] = "; ".join(doubts)
+                warned = (one_line(f"{method.key}: {each}") for each in model.diagnostics.warnings)
+                texts["warnings"] = "; ".join(warned)
         except (Exception, SystemExit) as error:  # another author's method may raise anything
             texts["failure"] = describe_error(error)
     return scores | {name: np.array(text) for name, text in texts.items()}

@@ -36,7 +36,7 @@ class Prepared:
     recorded
         The participant and perturbation.
     remarks, failure
-        Trials that are left out, doubts, and why nothing could be prepared, in words. The failure
+        Trials that are left out, warnings, and why nothing could be prepared, in words. The failure
         is the last of the remarks; empty if there is none.
     target_torque, mean_torque
         Target, and mean torque of the kept realizations, in N·m, shape (time,); NaN if unknown.
@@ -138,12 +138,12 @@ def _read(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
     if (target := settings["reference"]) is not None:
         channels.setdefault(target, target)
     shortest = 2 * settings["ends"] + settings["period"]
-    usable = read_usable_trials(files, attrs.evolve(reading, channels=channels), shortest)
-    for name, reason in usable.refused.items():
+    trials = read_usable_trials(files, attrs.evolve(reading, channels=channels), shortest)
+    for name, reason in trials.unusable.items():
         warnings.warn(f"{name} is left out: {reason}", DataQualityWarning, stacklevel=2)
-    if usable.recording is None:
+    if trials.recording is None:
         raise InputError("no trial can be used")
-    return _prepared(experiment, usable.recording, {})
+    return _prepared(experiment, trials.recording, {})
 
 
 def _prepared(

@@ -132,7 +132,7 @@ def test_more_realizations_in_one_piece_than_there_are_is_told(tmp_path):
     assert np.isfinite(results.estimate.sel(quantity="stiffness").values[0, 1]).all()
 
 
-def test_doubts_of_every_draw_are_kept(small):
+def test_warnings_of_every_draw_are_kept(small):
     results = of_noise(small, methods="eirf", realizations=20)
     for text in results.warnings.values[0, 0]:
         assert text.count("20 realizations are fewer than the 31 lags") == 1

@@ -100,7 +100,7 @@ class AdaptiveRegression(base.Method):
     and the model has ``reflex_gain`` and two pathways. All estimates except stiffness are those of
     :class:`tvsysid.JointCascade`.
 
-    It is not the right method in closed loop, for behaviour that does not repeat, and for fewer
+    It is not the right method in closed loop, for movements that do not repeat, and for fewer
     than four realizations.
 
     The diagnostics' ``details`` hold the probabilities that stiffness and viscosity are constant or
@@ -125,7 +125,7 @@ class AdaptiveRegression(base.Method):
     key = "adaptive"
     title = "Adaptive smoothing with switches"
     assumptions = (
-        "Behaviour is the same in all realizations, of which there are at least four.",
+        "The movement is the same in all realizations, of which there are at least four.",
         "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
         "Stiffness and viscosity are smooth except for a few switches. How smooth is found from "
         "the data; birf is more exact where the functions of time are known.",

@@ -105,7 +105,7 @@ class AdaptiveModel(Model):
         found["intrinsic"] = found["intrinsic"] + more[0] * angle + more[1] * velocity
         return found
 
-    def _identified(self) -> tuple[Labelled, Labelled]:
+    def _further_variables(self) -> tuple[Labelled, Labelled]:
         columns = zip(Switch._fields, zip(*self.switches, strict=True), strict=False)
         return {f"switch_{name}": (("switch",), list(column)) for name, column in columns}, {}
 

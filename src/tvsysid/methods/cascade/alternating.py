@@ -189,7 +189,7 @@ class BasisCascade(AlternatingCascade):
     key = "bpc"
     title = "Basis parallel cascade"
     assumptions = (
-        "Behaviour is the same in all realizations.",
+        "The movement is the same in all realizations.",
         "Both pathways change as sums of the basis functions chosen; faster changes are missed.",
         "The intrinsic response ends before the reflex's delay does.",
         "The reflex answers the velocity of stretch, or EMG.",
@@ -247,7 +247,7 @@ class EnsembleCascade(AlternatingCascade):
     key = "tvpc"
     title = "Ensemble parallel cascade"
     assumptions = (
-        "Behaviour is the same in all realizations.",
+        "The movement is the same in all realizations.",
         "The joint is constant over a short window; nothing else is assumed of how it changes.",
         "The intrinsic response ends before the reflex's delay does.",
         "Many realizations are needed: without a window, 500 to 800.",

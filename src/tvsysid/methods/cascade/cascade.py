@@ -139,7 +139,7 @@ class JointCascade(Method):
         "The intrinsic response lasts 40 ms to either side, the reflex comes later.",
         "The reflex answers the velocity of stretch beyond a threshold, through a muscle of second "
         "order.",
-        "Behaviour is the same in all realizations, and periodic.",
+        "The movement is the same in all realizations, and periodic.",
     )
     differs = (
         "The torque of the reflex is taken out of the stiffness, in which methods of one pathway "
@@ -206,8 +206,8 @@ class JointCascadeModel(TwoPathwayModel):
             further -= further.mean(axis=0)
         return found | {"intrinsic": found["intrinsic"] + further}
 
-    def _identified(self) -> tuple[Labelled, Labelled]:
-        variables, coordinates = super()._identified()
+    def _further_variables(self) -> tuple[Labelled, Labelled]:
+        variables, coordinates = super()._further_variables()
         variables["fast_response"] = (("time", "derivative"), self.fast_response)
         return variables, coordinates | {"derivative": (("derivative",), [1, 2])}
 

@@ -178,8 +178,8 @@ class TwoPathwayModel(ImpulseResponseModel):
             reflex -= mean_known(reflex)
         return {**super()._pathways(ensemble), "reflex": reflex}
 
-    def _identified(self) -> tuple[Labelled, Labelled]:
-        variables, coordinates = super()._identified()
+    def _further_variables(self) -> tuple[Labelled, Labelled]:
+        variables, coordinates = super()._further_variables()
         variables["reflex_response"] = (("time", "reflex_lag"), self.reflex_response)
         coordinates = {**coordinates, "reflex_lag": (("reflex_lag",), self.reflex_lags)}
         return variables, coordinates

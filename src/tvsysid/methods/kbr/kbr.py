@@ -113,7 +113,7 @@ class KernelRegression(shared.ByReference):
 
     The bands are those of the posterior, which assumes white noise within the band, times a factor
     for the noise's colour (:func:`tvsysid.numerics.noise.colour_factors`). They cover smoothing
-    bias only if the behaviour is as smooth as the kernel says: near a switch, the truth lies
+    bias only if stiffness is as smooth as the kernel says: near a switch, the truth lies
     outside the bands.
     """
 

@@ -107,7 +107,7 @@ class Kernel:
     def __call__(self, phase: Array, clock: Array) -> Array:
         """Return the features at times in s, shape (*time, column).
 
-        ``phase`` is the time of the periodic behaviour, ``clock`` that of the record.
+        ``phase`` is the time within the period, ``clock`` that of the record.
         """
         place = np.maximum(0, 2 * self.harmonic - 1 + self.sine)
         periodic = self.periodic_features(phase)[..., place]

@@ -14,7 +14,7 @@ FIVE = [tv.methods.parse(key) for key in tv.methods.PAPER_METHODS]
 five = pytest.mark.parametrize("method", FIVE, ids=list(tv.methods.PAPER_METHODS))
 
 
-def doubts(method, ensemble):
+def warnings_of(method, ensemble):
     with pytest.warns(tv.DataQualityWarning) as caught:
         model = method.identify(ensemble)
     texts = [str(warning.message) for warning in caught]
@@ -27,7 +27,7 @@ def doubts(method, ensemble):
 
 @five
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
-def test_clean_data_raises_no_doubt(method, perturbation):
+def test_clean_data_give_no_warning(method, perturbation):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for seed in range(5):
@@ -36,14 +36,14 @@ def test_clean_data_raises_no_doubt(method, perturbation):
 
 
 def test_fewer_realizations_than_lags():
-    assert "20 realizations are fewer than the 25 lags" in doubts(
+    assert "20 realizations are fewer than the 25 lags" in warnings_of(
         tv.EnsembleIRF(), ensemble_of(40.0)
     )
 
 
 @pytest.mark.parametrize("method", [tv.ShortDataSegments(), tv.EnsembleSpectral()])
 def test_too_few_realizations_for_a_window(method):
-    assert "hardly determined" in doubts(method, ensemble_of(40.0).select([3, 4]))
+    assert "hardly determined" in warnings_of(method, ensemble_of(40.0).select([3, 4]))
 
 
 @pytest.mark.parametrize("key", ["eirf", "sds", "esm"])
@@ -56,4 +56,4 @@ def test_a_joint_that_is_not_of_second_order(key, perturbation):
     reflex = 15 * lfilter(*bilinear([16.0**2], [1, 2 * 0.65 * 16.0, 16.0**2], fs=1000), velocity)
     with_reflex = attrs.evolve(recording, torque=recording.torque + reflex)
     ensemble = tv.preprocess.segment(tv.preprocess.decimate(with_reflex, 100), 2.0)
-    assert "is not of second order" in doubts(tv.methods.parse(key), ensemble)
+    assert "is not of second order" in warnings_of(tv.methods.parse(key), ensemble)

@@ -1,4 +1,4 @@
-"""Plan a recording: the question, and the answer of each method."""
+"""Plan a recording: the recording that each method needs."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 METHODS = ("adaptive", "sds", "birf", "kbr")
 MARGIN = 1.1  # as the few simulated ensembles show an error to 10 %
-EXTRAPOLATION = 10  # times as many realizations are answered by the law that was found
+EXTRAPOLATION = 10  # times as many realizations follow the fitted law
 HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
 
 
-class Answer(NamedTuple):
+class RequiredRecording(NamedTuple):
     """Recording that one method needs in one setup, or why no number of realizations suffices.
 
     Parameters
@@ -84,7 +84,7 @@ class Plan:
     """How much to record, in one or several setups, by one or several methods.
 
     Made by :func:`tvsysid.plan`. ``curves`` are errors against realizations, by (setup, method).
-    ``answers`` has one for each of these. Half a band of 95 % is ``multiple`` standard errors.
+    ``required`` has one for each of these. Half a band of 95 % is ``multiple`` standard errors.
     """
 
     precision: float
@@ -92,18 +92,18 @@ class Plan:
     setups: Mapping[str, Protocol]
     methods: Mapping[str, Method]
     curves: Mapping[tuple[str, str], Curve]
-    answers: tuple[Answer, ...]
+    required: tuple[RequiredRecording, ...]
 
     multiple = HALF_BAND
 
     @property
-    def best(self) -> Answer | None:
-        """Answer with the shortest recording; None if nothing suffices."""
-        enough = (each for each in self.answers if not each.why)
+    def best(self) -> RequiredRecording | None:
+        """Return the shortest recording that suffices; None if nothing suffices."""
+        enough = (each for each in self.required if not each.why)
         return min(enough, key=attrgetter("seconds"), default=None)
 
     def __str__(self) -> str:
-        """Answer in a sentence."""
+        """Say in a sentence how much to record."""
         wish = f"To know stiffness to ± {self.precision:g} N·m/rad at 95 %"
         wish += f" and follow a change within {self.resolution:g} s" if self.resolution else ""
         if (best := self.best) is None:
@@ -125,12 +125,12 @@ class Plan:
         return f"<p>{html.escape(str(self))}</p>{self.table().to_html(index=False)}"
 
     def table(self) -> pd.DataFrame:
-        """Return a table of the ``answers``, with units in the names."""
+        """Return a table of the required recordings, with units in the column names."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
         names = ["setup", "method", "realizations", "minutes", "± reached (N·m/rad)"]
         names += ["bias (N·m/rad)", "rise time (s)", "pilot / simulated", "why not"]
-        table = pd.DataFrame(self.answers).set_axis(names, axis=1)
+        table = pd.DataFrame(self.required).set_axis(names, axis=1)
         return table.assign(minutes=table.minutes / 60).astype({"realizations": "Int64"})
 
 
@@ -168,7 +168,7 @@ def plan(
         Random seed of the simulations.
     progress
         Function that is called with the number of steps done and of all: one for each method and
-        size of ensembles, and one for its answer.
+        size of ensembles, and one for its result.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def plan(
 
     advance()
     curves: dict[tuple[str, str], Curve] = {}
-    answers = list[Answer]()
+    required = list[RequiredRecording]()
     for label, each in setups.items():
         most = sizes[label][-1]
         records = [each.simulated(most, seed + number) for number in range(DRAWS)]
@@ -222,9 +222,9 @@ def plan(
                 why.append(f"it takes {rise:.2g} s to follow a step")
             random, bias = curve.at(number or most)
             reached = each.seconds(number or most), HALF_BAND * random, bias, rise, excess
-            answers.append(Answer(label, name, number, *reached, "; ".join(why)))
+            required.append(RequiredRecording(label, name, number, *reached, "; ".join(why)))
             advance()
-    return Plan(precision, resolution, setups, chosen, curves, tuple(answers))
+    return Plan(precision, resolution, setups, chosen, curves, tuple(required))
 
 
 def _by_label(

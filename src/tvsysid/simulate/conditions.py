@@ -110,8 +110,6 @@ class Conditions:
 
         torque = reduce(np.add, pathways.values()) + noise
         start = float(self.time[self.second])
-        signals = cut({"angle": angle, "torque": torque})
-        recording = Recording(
-            **signals, sampling_rate=self.rate, start=start, channels=cut(channels)
-        )
+        own = cut({"angle": angle, "torque": torque, **channels})
+        recording = Recording(own.pop("angle"), own.pop("torque"), self.rate, start, channels=own)
         return Simulation(recording, cut(truth), cut(pathways))

@@ -109,10 +109,9 @@ def over_time(profile: float | Profile, time: Array, rate: float) -> Array:
     number of samples.
     """
     exact = rate * (getattr(profile, "period", None) or 0.0)
-    cycle = round(exact)
+    cycle, index = round(exact), np.rint(time * rate).astype(np.int64)
     if 0 < cycle < len(time) and abs(exact - cycle) < 1e-9 * cycle:
-        one = over_time(profile, np.arange(cycle) / rate, rate)
-        return np.resize(np.roll(one, -round(time[0] * rate)), time.shape)
+        return over_time(profile, np.arange(cycle) / rate, rate)[index % cycle]
     return evaluate(profile, time)
 
 

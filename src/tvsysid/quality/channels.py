@@ -52,8 +52,8 @@ def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
     0,
     "N·m/rad",
     effect="stiffness, viscosity and inertia all come out negative",
-    remedy="read the file with torque_sign=-1 (--torque-sign -1), or without, if it is there; if "
-    "the sign is right, the actuator is compliant: record its command",
+    remedy="reverse the torque: add --torque-sign -1 (torque_sign=-1), or remove it if present; "
+    "if the sign was right, the actuator is compliant: record its command",
     wrong="below",
 )
 def reversed_torque(data: FittedEnsemble) -> Measured:

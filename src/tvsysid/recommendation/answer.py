@@ -59,8 +59,8 @@ UNPREDICTED = (
     "--torque), or record more."
 )
 POSSIBLE_LOOP = (
-    "The torque's noise is slow or strong. If the actuator is compliant, this noise moves the "
-    f"angle, and stiffness is underestimated. {RECORD_REFERENCE}, and name it as the reference."
+    "If the actuator is compliant, stiffness is too low: the noise in the torque is slow or strong "
+    f"enough to move the joint. {RECORD_REFERENCE}, and name it as the reference."
 )
 Trust: TypeAlias = Literal["good", "doubtful", "none"]
 

@@ -137,7 +137,7 @@ def switches_of(quantity: str, posterior: ModelAverage, missing: int, rate: floa
 
 
 def describe_changes(model: AdaptiveModel) -> list[str]:
-    """Describe how stiffness changes: its switches in the order of time, smooth changes, a reflex.
+    """Describe how stiffness changes: switches in the order of time, smooth changes, a reflex.
 
     The band of a switch's size is that of 95 %.
     """
@@ -152,7 +152,7 @@ def describe_changes(model: AdaptiveModel) -> list[str]:
             size = f"{each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
             lines.append(f"{kind} at {each.time:.3f} s: {size}{share}")
     is_smooth = model.diagnostics.details["smooth_stiffness"]
-    lines.append(f"smooth change{where}: probability {100 * is_smooth:.0f} %")
+    lines.append(f"stiffness changes smoothly{where}: probability {100 * is_smooth:.0f} %")
     if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")
     return lines

@@ -135,8 +135,9 @@ def test_walking_stiffness_without_its_reflex(walking, key):
     for name in ("viscosity", "reflex_gain"):
         assert model.over_time(name).min() >= 0
         assert model.estimates[name].band()[0].min() >= 0
-    (warning,) = model.diagnostics.warnings
-    assert "the intrinsic response is not" in warning
+    held, response = model.diagnostics.warnings
+    assert "holds stiffness at 0 at 0.8" in held
+    assert "the intrinsic response is not" in response
     assert model.diagnostics.details["reflex_shown"] == 1
     if key == "cascade":
         assert model.diagnostics.details["vaf_held_out"] > 95.5  # 96.0 if signs were free

@@ -116,7 +116,7 @@ def test_the_muscle_is_one_of_second_order(damping, delay):
 
 
 @pytest.mark.parametrize("window", [256, 20])
-@pytest.mark.parametrize(("free", "harmonics"), [([0, 1, 2, 3], 12), ([0], 0)])
+@pytest.mark.parametrize(("free", "harmonics"), [([0, 1, 2], 12), ([0], 0)])
 def test_moments_and_covariance_are_those_of_the_samples(
     fit_of, monkeypatch, window, free, harmonics
 ):
@@ -138,7 +138,7 @@ def test_moments_and_covariance_are_those_of_the_samples(
     gram, cross, square, _ = fit.moments_with_slopes(fit.slopes())
     assert_alike(np.block([[gram, cross[:, None]], [cross, square]]), products, 1e-8)
 
-    variance, spread = fit.posterior.noise_variance, np.array([0.6, 0.5, 0.3, 0.01])[free]
+    variance, spread = fit.posterior.noise_variance, np.array([0.6, 0.5, 0.3])[free]
     weight = variance * np.diag([*fit.posterior.precision, *spread**-2])
     coloured = dot(columns @ weights @ noise, columns @ weights)
     inverse = np.linalg.inv(products[:-1, :-1] + weight)
@@ -225,15 +225,6 @@ def test_no_reflex_is_invented():
     assert (upper < 1.5).all()
 
 
-@pytest.mark.slow
-def test_of_few_realizations_the_evidence_decides():
-    few = np.arange(5)
-    shown = tv.JointCascade().identify(simulated("A", 40)[0].select(few))
-    assert shown.diagnostics.details["reflex_shown"] == 1
-    with pytest.warns(tv.DataQualityWarning, match="no reflex is shown"):
-        tv.JointCascade().identify(simulated("C", 40)[0].select(few))
-
-
 def test_emg_drives_the_reflex():
     ensemble, truth = simulated("A", 40)
     model = tv.JointCascade(emg="emg").identify(ensemble)
@@ -241,10 +232,6 @@ def test_emg_drives_the_reflex():
     # Half the bias of sds: noise of the electrode is no drive
     assert abs(np.mean(model.stiffness - truth["stiffness"])) < 15
     assert model.estimates["reflex_gain"].unit == "N m/V"
-    reversed_one = attrs.evolve(ensemble, channels={"emg": -ensemble.channels["emg"]})
-    gain = tv.JointCascade(emg="emg").identify(reversed_one).estimates["reflex_gain"]
-    np.testing.assert_allclose(gain.values, -model.over_time("reflex_gain"), rtol=1e-6)
-    assert gain.band()[1].max() <= 0
     assert set(model.pathways(ensemble)) == {"intrinsic", "reflex"}
     with pytest.raises(tv.InputError, match="it needs the channel 'soleus'"):
         tv.JointCascade(emg="soleus").identify(ensemble)
@@ -290,4 +277,4 @@ def test_a_change_of_the_gain_within_its_band_is_told_and_no_gain_is_negative(ga
     assert found.values.min() >= lower.min() >= 0
     assert (found.values <= upper).all()
     if gain == "square":
-        assert found.values.min() == 0
+        assert found.values.min() == pytest.approx(0, abs=1e-9)

@@ -4,26 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Literal
 
 import attrs
 import numpy as np
 
-from tvsysid.dataset_layout import UNITS, Labelled
+from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.columns import intrinsic_filters, muscle, readout, unresolved
-from tvsysid.methods.cascade.fit import (
-    DELAY,
-    HIGHEST,
-    IS_LOG,
-    LOWEST,
-    NUMBERS,
-    THRESHOLD,
-    Fit,
-    ridge,
-)
+from tvsysid.methods.cascade.fit import DELAY, HIGHEST, IS_LOG, NUMBERS, THRESHOLD, Fit, ridge
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
-from tvsysid.methods.cascade.search import DIRECTIONS, Hyperparameters, Search, Selection
+from tvsysid.methods.cascade.search import Hyperparameters, Search, Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.stretch import FAST
@@ -31,6 +21,7 @@ from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_whole, optional, positive, text
 
 MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
+ROUNDING = 1e-9  # share of the mean stiffness
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
 CUT_SHARE = 3e-3  # share of a muscle's response that is cut off
@@ -40,10 +31,6 @@ MAX_REFLEX_LAG_S = 0.45  # if the context is not longer
 _three_counts = Validator(
     "three whole numbers of 0 or more: of stiffness, viscosity and reflex gain",
     lambda value: len(value) == 3 and all(is_whole(each) and each >= 0 for each in value),
-)
-_positive_or_fit = Validator(
-    "a positive number, 'fit' or None",
-    lambda value: value in ("fit", None) or positive.is_valid(value),
 )
 
 
@@ -69,9 +56,8 @@ class JointCascade(Method):
         viscosity and gain change if the changes predict held-out realizations better (p < 0.05).
         (0, 0, 0) takes them as constant.
     delay
-        d in s; ``"fit"`` estimates it between 35 and 75 ms. Below the lags of the intrinsic
-        response, the reflex would explain the torque of inertia. None is 40 ms, or 10 ms from EMG
-        to torque, which cannot be estimated.
+        d in s. None is 40 ms, or 10 ms from EMG to torque. Below the lags of the intrinsic
+        response, the reflex would explain the torque of inertia.
     emg
         Channel that drives the muscle instead of the velocity, such as the envelope of the EMG.
         There is no threshold then.
@@ -81,9 +67,9 @@ class JointCascade(Method):
     Coefficients have Gaussian priors relative to the noise. The priors are wide for the constants
     of stiffness, viscosity and inertia, and :math:`\gamma h^{-\nu}` for the h-th harmonic. The
     differences share one size; the mean gain has its own. Sizes and decays are those of greatest
-    evidence. The muscle's frequency and damping, the threshold c and a free delay are found by
-    Gauss-Newton steps. Each step solves for all coefficients, because a reflex that is fitted to
-    the residual of an intrinsic fit has lost part of its torque.
+    evidence. The muscle's frequency and damping and the threshold c are found by Gauss-Newton
+    steps. Each step solves for all coefficients, because a reflex that is fitted to the residual of
+    an intrinsic fit has lost part of its torque.
 
     Samples are weighted by the noise's inverse covariance within a realization (or 2.56 s of it at
     100 Hz), from the residual of a first fit. Without these weights, slow voluntary torque could
@@ -98,12 +84,12 @@ class JointCascade(Method):
 
     A test on held-out realizations (:func:`tvsysid.methods.cascade.reflex_test.reflex_test_of`)
     decides whether there is a reflex, and in which direction of stretch s. With fewer than eight
-    realizations, and with EMG, the evidence decides. Where no reflex is shown, the model has none,
-    and the band of ``reflex_gain`` says how large a gain the data allow.
+    realizations, none is shown. Where no reflex is shown, the model has none, and the band of
+    ``reflex_gain`` says how large a gain the data allow. EMG always drives a reflex.
 
-    Viscosity, reflex gain and their bands are never negative. Stiffness and the gain of EMG keep
-    one sign. Sizes and decays are found without this limit. A warning says so if the limit costs
-    1 % of the torque.
+    Viscosity, the reflex gain of stretch and their bands are never negative. Stiffness keeps one
+    sign. Sizes and decays are found without these limits. A warning says so if the limits cost 1 %
+    of the torque, or hold stiffness at 0.
 
     The threshold is 0 unless a threshold predicts held-out realizations better (p < 0.05). The
     bands count that it is not known.
@@ -125,12 +111,12 @@ class JointCascade(Method):
     Examples
     --------
     >>> import tvsysid as tv
-    >>> tv.methods.parse("cascade:delay=fit").delay
-    'fit'
+    >>> tv.methods.parse("cascade:delay=0.05").delay
+    0.05
     """
 
     harmonics: tuple[int, int, int] = attrs.field(default=(25, 25, 10), validator=_three_counts)
-    delay: float | Literal["fit"] | None = attrs.field(default=None, validator=_positive_or_fit)
+    delay: float | None = attrs.field(default=None, validator=optional(positive))
     emg: str | None = attrs.field(default=None, validator=optional(text))
 
     key = "cascade"
@@ -206,22 +192,15 @@ class JointCascadeModel(TwoPathwayModel):
             further -= further.mean(axis=0)
         return found | {"intrinsic": found["intrinsic"] + further}
 
-    def _further_variables(self) -> tuple[Labelled, Labelled]:
-        variables, coordinates = super()._further_variables()
-        variables["fast_response"] = (("time", "derivative"), self.fast_response)
-        return variables, coordinates | {"derivative": (("derivative",), [1, 2])}
 
-
-class OneSignError(StandardError):
-    """Standard error of an estimate of one sign. Its band has the same sign."""
+class NotNegativeError(StandardError):
+    """Standard error of an estimate that is not negative. Its band is not either."""
 
     def limits(
         self, values: Array, level: float, simultaneous: bool = False
     ) -> tuple[Array, Array]:
         """See :meth:`tvsysid.Estimate.band`."""
         lower, upper = super().limits(values, level, simultaneous)
-        if np.nanmin(values) < 0:
-            return lower, np.minimum(upper, 0.0)
         return np.maximum(lower, 0.0), upper
 
 
@@ -230,26 +209,25 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
 
     The gain is stated in both.
     """
-    search, name, _, fit, used = selection
+    search, direction, _, fit, used = selection
     ensemble, lags, rate = search.ensemble, search.lags, search.ensemble.sampling_rate
     data, mean = used.data, used.posterior.mean
     weights = np.eye(1, len(data.starts)), readout(lags, rate)[1:]
     features = [data.features(each) for each in np.concatenate(weights)]
-    signs = float(np.sign(mean[0])), 1.0, None
+    limited = mean[0] > 0, True, False
     estimates = {
-        quantity: _estimate(used, UNITS[quantity], each, sign)
-        for quantity, each, sign in zip(IMPEDANCE, features, signs, strict=True)
+        quantity: _estimate(used, UNITS[quantity], *each)
+        for quantity, *each in zip(IMPEDANCE, features, limited, strict=True)
     }
     gain = data.gain(ensemble.time / data.period)
     unit = "N m/V" if search.emg else UNITS["reflex_gain"]
-    estimates["reflex_gain"] = _estimate(fit, unit, gain, _gain_sign(fit), data.own)
+    estimates["reflex_gain"] = _estimate(fit, unit, gain, search.emg is None, data.own)
     known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
     over_time = data.over_time(mean[: data.own])
     details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ readout(lags, rate)[0]).mean())
-    mean_stiffness = float(over_time[data.times, 0].mean())
-    texts = _warnings(selection, details, mean_stiffness, estimates["reflex_gain"])
+    texts = _warnings(selection, details, estimates)
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
@@ -259,35 +237,33 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         lags=np.arange(-lags, lags + 1) / rate,
         reflex_response=response * known * rate,
         reflex_lags=reflex_lags,
-        drive=search.drive(name, float(fit.shape[THRESHOLD])),
+        drive=search.drive(direction, float(fit.shape[THRESHOLD])),
         fast_response=over_time[:, 1:3],
-        hyperparameters=Hyperparameters(name, data.varies, data.noise, fit.shape, fit.parameters),
+        hyperparameters=Hyperparameters(
+            direction, data.varies, data.noise, fit.shape, fit.parameters, fit.positive
+        ),
         diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
     )
 
 
-def _estimate(fit: Fit, unit: str, features: Array, sign: float | None, start: int = 0) -> Estimate:
+def _estimate(fit: Fit, unit: str, features: Array, limited: bool, start: int = 0) -> Estimate:
     """Return weighted sums of the coefficients from ``start`` on, where samples are fitted.
 
-    ``features`` (time, coefficient) are the weights. Values of the other sign are rounding.
+    ``features`` (time, coefficient) are the weights. Negative values of ``limited`` estimates are
+    rounding.
     """
     columns = slice(start, start + features.shape[1])
     known = np.full(len(features), np.nan)
     known[fit.data.times] = 1.0
     values, covariance = features @ fit.posterior.mean[columns], fit.covariance[columns, columns]
     variance = np.einsum("tj,tj->t", features @ covariance, features)
-    error = (StandardError if sign is None else OneSignError)(
+    error = (NotNegativeError if limited else StandardError)(
         np.sqrt(np.maximum(variance, 0.0)) * known,
         np.array(fit.freedom),
         arc_length(features, covariance),
     )
-    values = values if sign is None else sign * np.maximum(sign * values, 0.0)
+    values = np.maximum(values, 0.0) if limited else values
     return Estimate(values * known, unit, error=error)
-
-
-def _gain_sign(fit: Fit) -> float:
-    assert fit.positive is not None
-    return float(fit.positive[-1, fit.data.own])
 
 
 def _reflex_response(selection: Selection) -> tuple[Array, Array]:
@@ -306,20 +282,19 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     weights = weights[first : first + len(lags)]
     arrivals = ensemble.time[:, None] - lags + fit.shape[DELAY]
     gain = data.gain(arrivals.ravel() / data.period) @ fit.posterior.mean[data.own :]
-    gain = _gain_sign(fit) * np.maximum(_gain_sign(fit) * gain, 0.0)
     return gain.reshape(arrivals.shape) * weights / weights.sum(), lags
 
 
 def _details(selection: Selection) -> dict[str, float]:
-    _, name, shown, fit, used = selection
+    search, direction, shown, fit, used = selection
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[fit.free]
     details = {"reflex_shown": float(shown), "constant": float(not used.data.varies)}
     details |= dict(zip(NUMBERS, values.tolist(), strict=True))
     details |= {f"{NUMBERS[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
-    if name in DIRECTIONS:
-        details["direction"] = float(DIRECTIONS[name])
+    if search.emg is None:
+        details["direction"] = float(direction)
     else:
         del details["threshold"]
     torques = used.torques(used.posterior.mean)
@@ -330,21 +305,24 @@ def _details(selection: Selection) -> dict[str, float]:
 
 
 def _warnings(
-    selection: Selection, details: Mapping[str, float], mean: float, gain: Estimate
+    selection: Selection, details: Mapping[str, float], estimates: Mapping[str, Estimate]
 ) -> Iterator[str]:
-    """Yield warnings of a reflex, its ``gain`` or the ``mean`` stiffness that are not reliable."""
-    fit, fitted = selection.fit, details["stiffness_fitted"]
+    """Yield warnings of a reflex, its gain or a stiffness that are not reliable."""
+    fit, fitted, time = selection.fit, details["stiffness_fitted"], selection.search.ensemble.time
+    stiffness, gain = (estimates[name].values for name in ("stiffness", "reflex_gain"))
+    mean, gain_error = float(np.nanmean(stiffness)), estimates["reflex_gain"].standard_error
+    least = int(np.nanargmin(np.abs(stiffness)))
+    if abs(stiffness[least]) < ROUNDING * abs(mean):
+        yield (
+            f"the fit of both pathways holds stiffness at 0 at {time[least]:.2f} s, where it would "
+            "change its sign otherwise: this model does not describe the joint there"
+        )
     if not selection.shown:
         yield (
             "no reflex is shown by these data: stiffness, viscosity and inertia are those of a "
             "joint without one, and reflex_gain with its band is what the data leave room for"
         )
         return
-    if DELAY in fit.free and fit.shape[DELAY] in (LOWEST[DELAY], HIGHEST[DELAY]):
-        yield (
-            f"the delay ran into its bound of {1e3 * fit.shape[DELAY]:.3g} ms: it is not "
-            "identified; fix it (delay=0.04)"
-        )
     threshold, error = fit.shape[THRESHOLD], details.get("threshold_error", 0.0)
     if threshold == HIGHEST[THRESHOLD] or error > MAX_THRESHOLD_ERROR:
         yield (
@@ -359,9 +337,9 @@ def _warnings(
         )
     unlimited = ridge(fit.moments, fit.spread)
     yield from contradicted((fit.posterior.left - unlimited.left) / fit.moments.square)
-    assert gain.standard_error is not None
-    if not details["constant"] and 1.96 * np.nanmax(gain.standard_error.values) > np.ptp(
-        gain.values[np.isfinite(gain.values)]
+    assert gain_error is not None
+    if not details["constant"] and 1.96 * np.nanmax(gain_error.values) > np.ptp(
+        gain[~np.isnan(gain)]
     ):
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its "

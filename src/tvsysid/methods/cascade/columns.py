@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -144,22 +144,50 @@ def convolved(values: Array, response: Array) -> Array:
     return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
 
 
+class Explicit(NamedTuple):
+    """Columns: ``values`` (column, realization, time), and ``weighted`` values."""
+
+    values: Array
+    weighted: Array
+
+
 class Modulated(NamedTuple):
     """Columns: a signal times functions of time, behind a muscle.
 
     The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
-    column). Products are sums over realizations first: the columns themselves are not computed.
-    ``weights`` (time, history + time) are those of products with other columns, ``own_weights``
-    (history + time, history + time) those of products among these.
+    column), the ``muscle`` and the ``weighted`` muscle (time, history + time). Products are sums
+    over realizations first: the columns themselves are not computed.
     """
 
     signal: Array
     functions: Array
-    weights: Array
-    own_weights: Array
+    muscle: Array
+    weighted: Array
 
 
-Columns = Array | Modulated  # values (column, realization, time), or what they are made of
+Columns = Explicit | Modulated
+
+
+def product(one: Columns, other: Columns, rows: slice) -> Array:
+    """Return weighted products of columns with others."""
+    if isinstance(other, Explicit):
+        if isinstance(one, Modulated):
+            return product(other, one, rows).T
+        return np.tensordot(one.values[:, rows], other.weighted[:, rows], ((1, 2), (1, 2)))
+    if isinstance(one, Explicit):
+        early = one.weighted[:, rows] @ other.muscle
+        sums = np.einsum("crt,rt->ct", early, other.signal[rows])
+    else:
+        sums = one.signal[rows].T @ other.signal[rows]
+        sums *= one.muscle.T @ other.weighted
+        sums = one.functions.T @ sums
+    return np.asarray(sums @ other.functions)
+
+
+def extended(products: Array, columns: Sequence[Columns], further: Columns, rows: slice) -> Array:
+    """Return the products of columns and further ones. Those of the first are given."""
+    cross = np.concatenate([product(each, further, rows) for each in columns])
+    return np.block([[products, cross], [cross.T, product(further, further, rows)]])
 
 
 @attrs.frozen(eq=False)
@@ -239,12 +267,6 @@ class Data:
         return int(self.functions.shape[1])
 
     @property
-    def bases(self) -> list[Array]:
-        """Return the functions (time, column) of torque and signals at the fitted times."""
-        functions = self.functions[self.times]
-        return [np.ones((len(functions), 1)), *np.split(functions, self.starts[1:], axis=1)]
-
-    @property
     def varies(self) -> bool:
         """Return whether any coefficient changes over time."""
         return self.own > len(self.signals)
@@ -275,6 +297,10 @@ class Data:
         """Return values (…, time) times the weights."""
         return np.concatenate([values[..., at] @ weights for at, weights in self.windows], axis=-1)
 
+    def explicit(self, values: Array) -> Explicit:
+        """Return columns from their values (column, realization, time)."""
+        return Explicit(values, self.weighted(values))
+
     def modulated(self, signal: Array, functions: Array, response: Array) -> Columns:
         """Return a signal (realization, history + time) times functions, behind a response.
 
@@ -282,50 +308,30 @@ class Data:
         realizations, are computed.
         """
         times = self.torque.shape[1]
-        if functions.shape[1] <= 1 or times > MAX_SUMMED:
-            return convolved(signal * functions.T[:, None], response)[..., -times:]
+        if functions.shape[1] == 1 or times > MAX_SUMMED:
+            return self.explicit(convolved(signal * functions.T[:, None], response)[..., -times:])
         muscle = convolution_matrix(response, len(functions))[: len(functions)][-times:]
-        weights = self.weighted(muscle.T).T
-        return Modulated(signal, functions, weights, muscle.T @ weights)
+        return Modulated(signal, functions, muscle, self.weighted(muscle.T).T)
 
     @cached_property
-    def measured(self) -> Array:
-        """Return torque and intrinsic signals (signal, realization, time)."""
-        return np.concatenate([self.torque[None], self.signals])
-
-    def sums(self, signals: Array, columns: Columns, rows: slice = slice(None)) -> Array:
-        """Return sums (signal, time, column) over realizations, signals times weighted columns."""
-        if isinstance(columns, Modulated):
-            products = np.tensordot(signals[:, rows], columns.signal[rows], (1, 0))
-            return np.asarray(products * columns.weights @ columns.functions)
-        weighted = self.weighted(columns[:, rows])
-        return np.asarray(np.einsum("srt,krt->stk", signals[:, rows], weighted))
-
-    def cross(self, columns: Columns, rows: slice = slice(None)) -> Array:
-        """Return weighted products of torque and intrinsic columns with columns."""
-        parts = zip(self.bases, self.sums(self.measured, columns, rows), strict=True)
-        return np.concatenate([basis.T @ each for basis, each in parts])
-
-    def products(self, further: Columns, fold: int = -1) -> Array:
-        """Return weighted products of torque, intrinsic and further columns in one of the folds."""
-        rows = self.folds[fold]
-        cross = self.cross(further, rows)
-        if isinstance(further, Modulated):
-            signal, functions = further.signal[rows], further.functions
-            last = functions.T @ (signal.T @ signal * further.own_weights) @ functions
-        else:
-            last = self.sums(further, further, rows).sum(axis=1)
-        return np.block([[self._own_products(fold), cross], [cross.T, last]])
+    def columns(self) -> list[Columns]:
+        """Return torque and intrinsic columns. Those after velocity are constant."""
+        bases = np.split(self.functions[self.times], self.starts[1:3], axis=1)
+        changing = (self.modulated(self.signals[n], bases[n], np.ones(1)) for n in range(2))
+        return [self.explicit(self.torque[None]), *changing, self.explicit(self.signals[2:])]
 
     @cached_property
-    def _own_products(self) -> Callable[[int], Array]:
+    def products(self) -> Callable[[int], Array]:
         """Return the function that gives the products of torque and intrinsic columns in a fold."""
-        changing = zip(self.signals[:2], self.bases[1:3], strict=True)
-        columns = [self.modulated(*each, np.ones(1)) for each in changing]
-        columns = [self.torque[None], *columns, self.signals[2:]]
-        return cache(
-            lambda fold: np.hstack([self.cross(each, self.folds[fold]) for each in columns])
-        )
+
+        @cache
+        def products(fold: int) -> Array:
+            rows = self.folds[fold]
+            return np.block(
+                [[product(one, other, rows) for other in self.columns] for one in self.columns]
+            )
+
+        return products
 
     def features(self, weights: Array) -> Array:
         """Return the weights (time, column) that sum the signals' weighted coefficients."""

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.columns import Columns, Data, convolved, deviations, muscle
+from tvsysid.methods.cascade.columns import Columns, Data, convolved, deviations, extended, muscle
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
@@ -32,13 +32,13 @@ MAX_ITERATIONS = 100  # of the search for the hyperparameters
 NUMBERS = ("frequency", "damping", "threshold", "delay")
 FREQUENCY, DAMPING, THRESHOLD, DELAY = range(4)
 IS_LOG = np.arange(4) < THRESHOLD
-# Mean and standard deviation of the prior, bounds, and step of numerical derivatives.
+# Mean and standard deviation of the prior, bounds, and step of numerical derivatives. The delay
+# is known.
 MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
     [
         (math.log(16), 0.6, math.log(3), math.log(60), 1e-3),
         (math.log(0.8), 0.5, math.log(0.2), math.log(3), 1e-3),
         (0.0, 0.3, 0.0, 2.0, 0.02),
-        (0.045, 0.010, 0.035, 0.075, 1e-4),
     ]
 ).T
 MAX_STEPS, MAX_HALVINGS, ROUNDS = 8, 6, 2
@@ -114,13 +114,20 @@ class Fit:
         return self.reflex(np.eye(2 * self.data.gain.harmonics + 1))
 
     @cached_property
-    def _modulated(self) -> Columns:
-        return self.columns if self.drive is None else self.data.modulated(*self._parts)
+    def _reflex(self) -> Columns:
+        if self.drive is None:
+            return self.data.explicit(self.columns)
+        return self.data.modulated(*self._parts)
+
+    def _products(self, fold: int) -> Array:
+        """Return the products (column, column) of torque and columns in one of the folds."""
+        data = self.data
+        return extended(data.products(fold), data.columns, self._reflex, data.folds[fold])
 
     @cached_property
     def products(self) -> Array:
         """Return the products (column, column) of torque and columns."""
-        return self.data.products(self._modulated)
+        return self._products(-1)
 
     @cached_property
     def moments(self) -> Moments:
@@ -145,7 +152,7 @@ class Fit:
     @cached_property
     def objective(self) -> float:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
-        shape = ((self.shape - MEAN) / SPREAD)[self.free]
+        shape = (self.shape[self.free] - MEAN[self.free]) / SPREAD[self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
         square = self.moments.square
         return log_evidence(self.posterior, square) - 0.5 * float(squares)
@@ -164,7 +171,7 @@ class Fit:
         data, left = self.data, np.full_like(self.data.torque, np.nan)
         for fold, rows in enumerate(data.folds[:-1]):
             number = len(left[rows]) / len(left) * data.number
-            own = moments_of(data.products(self._modulated, fold), number)
+            own = moments_of(self._products(fold), number)
             mean = ridge(self.moments.without(own), self.spread, self.positive).mean
             left[rows] = self.left(mean)[rows]
         return left
@@ -192,10 +199,8 @@ class Fit:
     def moments_with_slopes(self, slopes: Array) -> Moments:
         """Return the moments of all columns, and of the torque's derivatives by the shape."""
         data = self.data
-        late = data.sums(slopes, self._modulated).sum(axis=1)
-        cross = np.concatenate([data.cross(slopes), late.T])
-        last = data.sums(slopes, slopes).sum(axis=1)
-        products = np.block([[self.products, cross], [cross.T, last]])
+        columns = [*data.columns, self._reflex]
+        products = extended(self.products, columns, data.explicit(slopes), data.folds[-1])
         return moments_of(products, data.number)
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import ClassVar, Self
 
 import attrs
@@ -81,6 +82,7 @@ def rectified_velocities(ensemble: Ensemble) -> Array:
     return np.stack([Stretch(direction=direction)(ensemble) for direction in DIRECTIONS])
 
 
+@lru_cache(maxsize=1)  # drives of the same ensemble follow each other
 def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
     """Return the velocity of the total angle in rad/s, and the ratio of the sampling rates.
 

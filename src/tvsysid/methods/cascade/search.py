@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, lru_cache, partial
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
@@ -16,15 +16,8 @@ from scipy.linalg import block_diag
 from tvsysid.errors import InputError
 from tvsysid.methods.base import fitting_lags
 from tvsysid.methods.cascade.columns import Data, deviations, readout
-from tvsysid.methods.cascade.fit import (
-    DAMPING,
-    DELAY,
-    FREQUENCY,
-    THRESHOLD,
-    USUAL_PARAMETERS,
-    Fit,
-)
-from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history, velocity_of
+from tvsysid.methods.cascade.fit import DAMPING, FREQUENCY, THRESHOLD, USUAL_PARAMETERS, Fit
+from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history
 from tvsysid.methods.cascade.reflex_test import (
     MIN_TESTED_REALIZATIONS,
     predicts_better,
@@ -32,41 +25,40 @@ from tvsysid.methods.cascade.reflex_test import (
 )
 from tvsysid.numerics import Array
 from tvsysid.numerics.noise import autocorrelation
-from tvsysid.numerics.stretch import stretch
 from tvsysid.signals import Ensemble
 
 MAX_LAG_S = 0.04  # of the intrinsic response, to either side
 VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
 HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
-# Initial shapes of a reflex, in rad/s and s
-FREQUENCIES, THRESHOLDS, DELAYS_S = (9.0, 16.0, 26.0), (0.0, 0.15, 0.5), (0.04, 0.05, 0.06)
+FREQUENCIES, THRESHOLDS = (9.0, 16.0, 26.0), (0.0, 0.15, 0.5)  # initial ones, in rad/s
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
-MIN_EVIDENCE_GAIN = 10.0  # log evidence by which a reflex must be better than all else to be shown
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
 # Log evidence of a change, of few realizations. Without a change it is 0, but for rounding.
 MIN_CHANGE_EVIDENCE = 1.0
-CACHED_DRIVES = 16  # of the initial thresholds in each direction, and of those that are tried
-
-DIRECTIONS = {"positive": 1, "negative": -1}
+CACHED_DRIVES = 16  # of the initial thresholds, and of those that are tried
 
 
 class Hyperparameters(NamedTuple):
-    """Settings that determine a fit, except its coefficients."""
+    """Settings that determine a fit with a reflex, except its coefficients."""
 
-    reflex: str
+    direction: int
     varies: bool
     noise: Array
     shape: Array
     parameters: Array
+    positive: Array | None
 
 
 class Selection(NamedTuple):
-    """Fit with the most likely reflex, and ``used`` fit, which has none if none is shown."""
+    """Fit with the most likely reflex, and ``used`` fit, which has none if none is shown.
+
+    ``direction`` is that of stretch, 1 or -1.
+    """
 
     search: Search
-    name: str
+    direction: int
     shown: bool
     fit: Fit
     used: Fit
@@ -76,13 +68,13 @@ class Selection(NamedTuple):
 class Search:
     """Ensemble, and the reflexes that may explain its torque.
 
-    A reflex is named ``"none"``, ``"linear"``, ``"positive"`` or ``"negative"`` by its direction,
-    or ``"emg"`` if the channel of this name is given. The settings are those of ``JointCascade``.
+    A reflex has a direction of stretch, 1 or -1. It is None without a reflex, and has no meaning if
+    a channel of EMG drives it. The settings are those of ``JointCascade``.
     """
 
     ensemble: Ensemble
     harmonics: tuple[int, int, int]
-    delay: float | Literal["fit"] | None
+    delay: float | None
     emg: str | None
 
     @cached_property
@@ -95,137 +87,105 @@ class Search:
         """Return torque and intrinsic signals."""
         return Data.of(self.ensemble, self.harmonics, self.lags)
 
-    def drive(self, name: str, threshold: float) -> Drive:
-        """Return the drive of the named reflex."""
-        return Measured(self.emg) if self.emg else Stretch(threshold, DIRECTIONS[name])
+    def drive(self, direction: int, threshold: float) -> Drive:
+        """Return the drive of a reflex."""
+        return Measured(self.emg) if self.emg else Stretch(threshold, direction)
 
     @cached_property
-    def _past(self) -> Callable[[str, float], Array]:
+    def _past(self) -> Callable[[int, float], Array]:
         """Return the function that gives a drive with its history, less its mean.
 
         The drive has shape (realization, history + time). It is 0 where nothing was recorded.
         """
-        ensemble, (velocity, ratio) = self.ensemble, velocity_of(self.ensemble)
-        samples, times = round(HISTORY_S * ensemble.sampling_rate), self.data.times
+        samples, times = round(HISTORY_S * self.ensemble.sampling_rate), self.data.times
 
         @lru_cache(CACHED_DRIVES)
-        def past(name: str, threshold: float) -> Array:
-            if name == "linear":  # both directions together are not rectified
-                return past("positive", 0.0) + past("negative", 0.0)
-            values = (
-                stretch(velocity, ratio, threshold, DIRECTIONS[name])
-                if self.emg is None
-                else ensemble.signal(self.emg)
-            )
-            known = history(ensemble, values, samples)[self.data.rows]
+        def past(direction: int, threshold: float) -> Array:
+            values = self.drive(direction, threshold)(self.ensemble)
+            known = history(self.ensemble, values, samples)[self.data.rows]
             return deviations(known[:, times.start : samples + times.stop])
 
         return past
 
-    def _fit(self, name: str, data: Data, shape: Array, free: list[int], **settings: Array) -> Fit:
-        """Return the fit with the named reflex."""
-        drive = None if name == "none" else partial(self._past, name)
+    def _fit(
+        self, direction: int | None, data: Data, shape: Array, free: list[int], **settings: Any
+    ) -> Fit:
+        """Return the fit with a reflex."""
+        drive = None if direction is None else partial(self._past, direction)
         return Fit(data, drive, shape, free, **settings)
 
-    @property
-    def _delays(self) -> tuple[float, ...]:
+    def _shape(self, frequency: float = 16.0, threshold: float = 0.0) -> Array:
+        """Return the shape of a reflex with a muscle of usual damping."""
         usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
-        return DELAYS_S if self.delay == "fit" else (float(self.delay or usual),)
+        return np.array([math.log(frequency), math.log(0.8), threshold, self.delay or usual])
 
-    def _started(self, name: str) -> Fit:
+    def _started(self, direction: int | None) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
-        thresholds = THRESHOLDS if name in DIRECTIONS else (0.0,)
-        free = [FREQUENCY, DAMPING, *[THRESHOLD] * (name in DIRECTIONS)]
-        free += [DELAY] * (self.delay == "fit")
-        free = [] if name == "none" else free
-        fits = [
-            self._fit(name, self.data.constant, _shape(*each), free, parameters=USUAL_PARAMETERS)
-            for each in product(self._delays, FREQUENCIES, thresholds)
-        ]
-        return _best(fits).improved()
-
-    def fits(self, names: Iterable[str]) -> dict[str, Fit]:
-        """Return the fit with each named reflex.
-
-        The data choose whether the coefficients change over time.
-        """
-        begun = {name: self._started(name) for name in names}
-        likely = max(
-            begun, key=lambda name: begun[name].objective + MIN_EVIDENCE_GAIN * (name == "none")
+        free = [FREQUENCY, DAMPING, THRESHOLD] if self.emg is None else [FREQUENCY, DAMPING]
+        free = free if direction else []
+        shapes = product(FREQUENCIES, THRESHOLDS if THRESHOLD in free else THRESHOLDS[:1])
+        fits = (
+            self._fit(
+                direction, self.data.constant, self._shape(*each), free, parameters=USUAL_PARAMETERS
+            )
+            for each in shapes
         )
+        return max(fits, key=lambda fit: fit.objective).improved()
 
-        def solved(data: Data) -> dict[str, Fit]:
-            return {
-                name: self._fit(name, data, each.shape, each.free) for name, each in begun.items()
-            }
+    def fit(self, direction: int | None) -> Fit:
+        """Return the fit with a reflex. The data choose whether coefficients change over time."""
+        start = self._started(direction)
+        left = self._fit(direction, self.data, start.shape, []).residual
 
-        left = self._fit(likely, self.data, begun[likely].shape, []).residual
+        def solved(data: Data) -> Fit:
+            return self._fit(direction, data, start.shape, start.free)
+
         data = attrs.evolve(self.data, noise=autocorrelation(left))
-        fits = solved(data)
+        fit = solved(data)
         if data.varies:
-            unchanging = solved(data.constant)
-            if not _is_better(
-                _best(fits.values()), _best(unchanging.values()), MIN_CHANGE_EVIDENCE
-            ):
-                fits, data = unchanging, data.constant
-        best = _best(fits.values())
-        if len(data.torque) < MIN_TESTED_REALIZATIONS:
-            return fits
-        data = attrs.evolve(data, noise=autocorrelation(left, WHITE_FLOOR))
-        white = attrs.evolve(best, data=data).share()
-        is_misfit = white - best.share() > MAX_MISFIT * (1 - white)
-        return solved(data) if is_misfit else fits
+            constant = solved(data.constant)
+            fit = fit if _is_better(fit, constant, MIN_CHANGE_EVIDENCE) else constant
+        if len(left) < MIN_TESTED_REALIZATIONS:
+            return fit
+        data = attrs.evolve(fit.data, noise=autocorrelation(left, WHITE_FLOOR))
+        white = attrs.evolve(fit, data=data).share()
+        is_misfit = white - fit.share() > MAX_MISFIT * (1 - white)
+        return solved(data) if is_misfit else fit
 
     def select(self) -> Selection:
-        """Return the fit with a reflex if the data show one.
-
-        Held-out realizations decide. Of few or short ones, and with EMG, the evidence decides: the
-        reflex is compared with no reflex, a linear late response and the other direction.
-        """
-        names = ("linear", *DIRECTIONS) if self.emg is None else ("emg",)
-        if self.emg is None and len(self.ensemble) >= MIN_TESTED_REALIZATIONS:
+        """Return the fit with a reflex if held-out realizations show one, or if EMG drives it."""
+        direction, shown = 1, self.emg is not None
+        if not shown and len(self.ensemble) >= MIN_TESTED_REALIZATIONS:
             with suppress(InputError):  # realizations are too short for it
                 test = reflex_test_of(self.ensemble)
-                name = "positive" if test.direction > 0 else "negative"
-                if test.shown:
-                    return self.shown(name, self.fits([name])[name])
-                return self.unshown(name, self.fits(["none"])["none"])
-        fits = self.fits(("none", *names))
-        name = max(names[-2:], key=lambda name: fits[name].objective)
-        others = [each.objective for other, each in fits.items() if other != name]
-        if fits[name].objective - max(others) > MIN_EVIDENCE_GAIN:
-            return self.shown(name, fits[name])
-        return self.unshown(name, fits["none"])
-
-    def shown(self, name: str, fit: Fit) -> Selection:
-        """Return the fit with a reflex that is shown."""
-        fit = self.limited(_refined(fit))
-        return Selection(self, name, True, fit, fit)
+                direction, shown = test.direction, test.shown
+        if shown:
+            fit = self._limited(_refined(self.fit(direction)))
+            return Selection(self, direction, True, fit, fit)
+        none = self.fit(None)
+        usual = self._fit(direction, none.data, self._shape(), [])
+        return Selection(self, direction, False, self._limited(usual), self._limited(none))
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is shown."""
         data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
-        fit = self._fit(known.reflex, data, known.shape, [], parameters=known.parameters)
-        return Selection(self, known.reflex, True, *[self.limited(fit)] * 2)
+        settings = {"parameters": known.parameters, "positive": known.positive}
+        fit = self._fit(known.direction, data, known.shape, [], **settings)
+        return Selection(self, known.direction, True, fit, fit)
 
-    def unshown(self, name: str, none: Fit) -> Selection:
-        """Return the fit without a reflex, and one with a usual reflex, whose gain it bounds."""
-        fit = self._fit(name, none.data, _shape(self._delays[0]), [])
-        return Selection(self, name, False, self.limited(fit), self.limited(none))
-
-    def limited(self, fit: Fit) -> Fit:
+    def _limited(self, fit: Fit) -> Fit:
         """Return the fit with the same hyperparameters, without negative viscosity and gain.
 
-        Stiffness, and the gain of EMG, are of either sign, but the same at all times.
+        Stiffness keeps one sign. The gain of EMG is of either sign.
         """
-        data, mean = fit.data, fit.posterior.mean
+        data = fit.data
         some = slice(0, None, max(1, self.ensemble.samples // MAX_LIMITED_TIMES))
-        stiffness = np.sign(mean[0]) * np.eye(1, len(data.starts))[0]
+        stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.starts))[0]
         weights = stiffness, readout(self.lags, data.rate)[1]
         rows = np.concatenate([data.features(each)[some] for each in weights])
-        if len(mean) > data.own:
-            sign = np.sign(mean[data.own]) if self.emg else 1.0
-            rows = block_diag(rows, sign * data.gain(self.ensemble.time[some] / data.period))
+        if fit.drive is not None:
+            gain = data.gain(self.ensemble.time[some] / data.period)
+            rows = block_diag(rows, gain if self.emg is None else gain[:0])
         return attrs.evolve(fit, positive=rows)
 
 
@@ -242,15 +202,6 @@ def _refined(fit: Fit) -> Fit:
     simple = Fit(best.data, best.drive, shape, others).refined()
     simple = attrs.evolve(simple, free=best.free)
     return best if _is_better(best, simple) else simple
-
-
-def _shape(delay: float, frequency: float = 16.0, threshold: float = 0.0) -> Array:
-    """Return the shape of a reflex with a muscle of usual damping."""
-    return np.array([math.log(frequency), math.log(0.8), threshold, delay])
-
-
-def _best(fits: Iterable[Fit]) -> Fit:
-    return max(fits, key=lambda fit: fit.objective)
 
 
 def _is_better(best: Fit, rest: Fit, least: float = 0.0) -> bool:

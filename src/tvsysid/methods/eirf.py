@@ -80,7 +80,7 @@ class EnsembleIRF(Method):
         """Return the model of an ensemble."""
         lags = fitting_lags("EnsembleIRF", self.max_lag, ensemble)
         windows = shared.solve_windows(ensemble, lags, 0, self._solve)
-        return shared.window_model(ensemble, windows, half=0, needed=2 * lags + 2)
+        return shared.window_model(ensemble, ensemble, windows, half=0, needed=2 * lags + 2)
 
     def _solve(
         self, phi_uu: Array, phi_uy: Array, variance: Array, count: Array

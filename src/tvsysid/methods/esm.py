@@ -13,7 +13,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import shared
 from tvsysid.methods.base import check_window, missing_edge, padded, whole_samples
 from tvsysid.methods.responses import FrequencyResponseModel
-from tvsysid.models import Diagnostics
+from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.moments import convolve_lags
@@ -111,30 +111,32 @@ class EnsembleSpectral(shared.ByReference):
         spectra = short_time_spectra(angle, torque, length)
         response = spectra.yu / np.maximum(spectra.uu, TINY)
         fit = SegmentFit.of(moved, hann(length) ** 2, within)
-        impedance = padded(fit.impedance, *missing)
-        left, first = shared.second_order_residual(ensemble, impedance)
+        over_time = padded(fit.impedance, *missing)
+        left, first = shared.second_order_residual(ensemble, over_time)
         details = {"second_order_agreement": shared.residual_agreement(moved, left, first)}
-        variances, freedom = fit.variances(moved, left), np.full(3, fit.freedom)
-        if self.reference is not None:
-            # The part of the angle that noise moves is explained too, and is no noise.
-            apart, _ = shared.second_order_residual(moved, impedance)
-            variances *= np.sum(left**2) / np.sum(apart**2)
-        warned, absent = "", ""
+        independent, warned = shared.independent_realizations(ensemble), ""
+        at_rest = response[:, 0].real
+        impedance = over_time.copy()
         if self.stiffness == "dc":
-            at_rest, independent = response[:, 0].real, shared.independent_realizations(ensemble)
-            warned = leakage(at_rest, impedance[:, 0])
+            warned = leakage(at_rest, fit.impedance[:, 0])
             impedance[:, 0] = padded(at_rest, *missing)
-            variances[:, 0] = variance_at_rest(angle, torque, at_rest, independent)
-            freedom[0] = max(independent - 1, 1)
-            if independent < MIN_REALIZATIONS_AT_REST:
-                absent = (
-                    "one independent realization tells nothing of the noise at 0 Hz; record more, "
-                    "or set stiffness to 'fit'"
-                )
-                variances[:, 0] = np.nan
-        errors = shared.standard_errors(
-            padded(np.sqrt(variances), *missing), freedom, absent=absent
-        )
+
+        def errors() -> dict[str, StandardError]:
+            variances, freedom = fit.variances(moved, left), np.full(3, fit.freedom)
+            variances *= shared.noise_ratio(left, shared.second_order_residual(moved, over_time)[0])
+            absent = ""
+            if self.stiffness == "dc":
+                variances[:, 0] = variance_at_rest(angle, torque, at_rest, independent)
+                freedom[0] = max(independent - 1, 1)
+                if independent < MIN_REALIZATIONS_AT_REST:
+                    absent = (
+                        "one independent realization tells nothing of the noise at 0 Hz; record "
+                        "more, or set stiffness to 'fit'"
+                    )
+                    variances[:, 0] = np.nan
+            values = padded(np.sqrt(variances), *missing)
+            return shared.standard_errors(values, freedom, absent=absent)
+
         excited = spectra.uu > EXCITED * spectra.uu.max(axis=1, keepdims=True)
         powers = np.maximum(spectra.uu, TINY) * np.maximum(spectra.yy, TINY)
         coherence = np.clip(np.abs(spectra.yu) ** 2 / powers, 0.0, 1.0)
@@ -244,7 +246,7 @@ class SegmentFit(NamedTuple):
         freedom -= np.einsum("tmk,tkm->t", inverse, fourth)
         fitted = np.einsum("tm,tm->t", self.impedance, sums[:, :3, 3])
         rest = np.maximum(sums[:, 3, 3] - fitted, 0.0)
-        noise = np.where(freedom > 0, rest / np.where(freedom > 0, freedom, 1.0), np.nan)
+        noise = rest / np.where(freedom > 0, freedom, np.nan)
         white = noise[:, None] * np.diagonal(inverse @ fourth @ inverse, axis1=1, axis2=2)
         # The fit explains a share of the noise's autocovariance: it has three regressors, and
         # segments are weighted.

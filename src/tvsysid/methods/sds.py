@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import attrs
-import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import shared
@@ -80,13 +79,7 @@ class ShortDataSegments(shared.ByReference):
             )
         windows = shared.solve_windows(moved, lags, half)
         needed = MIN_SAMPLES_PER_LAG * (2 * lags + 1)
-        if self.reference is not None:
-            # The part of the angle that noise moves is explained too, and is no noise.
-            left, apart = (
-                np.sum(shared.residual(each, windows.weights) ** 2) for each in (ensemble, moved)
-            )
-            windows = windows._replace(noise=windows.noise * left / apart)
-        return shared.window_model(moved, windows, half, needed)
+        return shared.window_model(ensemble, moved, windows, half, needed)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

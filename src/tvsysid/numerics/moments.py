@@ -128,13 +128,16 @@ def expanded(moments: Array, functions: Array) -> Array:
 def sliding_sum(x: Array, before: int, after: int) -> Array:
     """Return the sum of x over a sliding window along its first axis.
 
-    It is ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i. Nothing is subtracted,
-    which would lose digits.
+    It is ``x[max(0, i - before) : i + after + 1].sum(axis=0)`` for each i, by doubling. Nothing is
+    subtracted, which would lose digits.
     """
-    padded = np.pad(x, [(before, after)] + [(0, 0)] * (x.ndim - 1))
-    total = np.zeros(x.shape)
-    for shift in range(before + after + 1):
-        total += padded[shift : shift + len(x)]
+    sums = np.pad(x, [(before, after)] + [(0, 0)] * (x.ndim - 1))
+    total, start, span = np.zeros(x.shape), 0, 1
+    while span <= before + after + 1:  # sums[i] is the sum of `span` samples from i on
+        if before + after + 1 & span:
+            total += sums[start : start + len(x)]
+            start += span
+        sums, span = sums[:-span] + sums[span:], 2 * span
     return total
 
 

@@ -20,7 +20,6 @@ from tvsysid.numerics.hammerstein import lagged_gram
 
 ROUNDING = 1e-9  # relative singular value below which a direction of the inputs is rounding
 RIDGE = 1e-13  # share of an input's power: more than the rounding of its products
-COLLINEAR = 1e-6  # singular value of unit columns below which a direction is rounding
 SLOWEST = 0.999  # size of a pole at most
 TINY = 1e-12  # relative change of the error at which the alternation ends
 ROUNDS = 1000  # of the alternation at most
@@ -125,9 +124,9 @@ def project(rows: Rows) -> Rows:
     are the least squares of what is left, the response of the short path whatever numerator and
     weights the system has: U are the lagged signals, :math:`\Phi` the answers.
     """
-    basis = _basis(rows.answers)
-    signals, output = (each - basis @ (basis.T @ each) for each in rows[1:])
-    return Rows(rows.answers, signals, output)
+    columns = np.column_stack([rows.signals, rows.output])
+    columns -= rows.answers @ _least_squares(rows.answers, columns)
+    return Rows(rows.answers, columns[:, :-1], columns[:, -1])
 
 
 def hammerstein(rows: Rows, denominator: Array) -> Hammerstein:
@@ -137,9 +136,10 @@ def hammerstein(rows: Rows, denominator: Array) -> Hammerstein:
     nearest to the coefficients of all inputs through all systems, until the error does not fall any
     more. The first weight that is not zero is positive.
     """
-    basis, order = _basis(rows.answers), len(denominator) - 1
-    target, answers = basis.T @ rows.output, basis.T @ rows.answers
-    product = answers.reshape(len(target), order + 1, -1)
+    # As many rows as columns, with the same products
+    triangle = np.asarray(np.linalg.qr(np.column_stack([rows.answers, rows.output]), mode="r"))
+    answers, target = triangle[:, :-1], triangle[:, -1]
+    product = answers.reshape(len(target), len(denominator), -1)
     start = _least_squares(answers, target).reshape(product.shape[1:])
     weights, error = np.linalg.svd(start, full_matrices=False)[2][0], np.inf
     for _ in range(ROUNDS):
@@ -151,7 +151,7 @@ def hammerstein(rows: Rows, denominator: Array) -> Hammerstein:
         before, error = error, float(np.sum((target - columns @ turned) ** 2))
         if before - error <= TINY * float(target @ target):
             break
-    columns = rows.answers.reshape(len(rows.output), order + 1, -1) @ weights
+    columns = rows.answers.reshape(len(rows.output), len(denominator), -1) @ weights
     numerator = _least_squares(columns, rows.output)
     return Hammerstein(weights, numerator, denominator, rows.output - columns @ numerator)
 
@@ -187,10 +187,3 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
 
 def _least_squares(columns: Array, target: Array) -> Array:
     return np.asarray(np.linalg.lstsq(columns, target, rcond=ROUNDING)[0])
-
-
-def _basis(columns: Array) -> Array:
-    """Return an orthonormal basis of what columns span, beyond rounding."""
-    unit = columns / np.linalg.norm(columns, axis=0)
-    vectors, values, _ = np.linalg.svd(unit, full_matrices=False)
-    return vectors[:, values > COLLINEAR]

@@ -96,20 +96,20 @@ class Run:
         memory from growing with the record times the columns.
         """
         functions, last = 1 + kernel.projection.shape[1], len(self.spectra) - 1
-        source = (np.arange(0, last, functions)[:, None] + kernel.slow).ravel()
-        signals = last // functions
-        shift = np.tile(kernel.harmonic * self.periods, signals)
+        # The torque is a signal times the first column, the constant.
+        source = np.append(np.arange(0, last, functions)[:, None] + kernel.slow, last)
+        shift = np.append(np.tile(kernel.harmonic * self.periods, last // functions), 0)
         # A cosine is half of a turn and its conjugate; a sine is a quarter of a turn later.
         turn = np.exp(2j * np.pi * kernel.harmonic * self.start / kernel.period)
         turn *= np.where(kernel.sine == 0, 0.5, -0.5j)
-        turn = np.tile(turn, signals)[:, None]
+        turn = np.append(np.tile(turn, last // functions), 0.5)[:, None]
         count = self.bins.stop - self.bins.start
         for low in range(0, count, BLOCK):
             high = min(low + BLOCK, count)
             windows = sliding_window_view(self.spectra, high - low, axis=1)
             rows = windows[source, low + self.reach - shift] * turn
             rows += windows[source, low + self.reach + shift] * turn.conj()
-            yield slice(low, high), np.concatenate([rows, windows[-1:, low + self.reach]])
+            yield slice(low, high), rows
 
 
 @lru_cache(maxsize=4)
@@ -176,7 +176,7 @@ class Record:
             basis = axes[:, kept].T @ terms / np.sqrt(powers[kept, None])
             with_terms = np.zeros((len(basis), size))
             for bins, rows in run.rows(self.kernel):
-                parts = (rows * weight[bins]).view(np.float64)
+                parts = (rows * weight[bins] if weights else rows).view(np.float64)
                 products = _added(products, 1.0, parts.T)
                 with_terms += basis[:, 2 * bins.start : 2 * bins.stop] @ parts.T
             mixed.append(with_terms)
@@ -186,16 +186,12 @@ class Record:
     def weights(self, residual: Array) -> list[Array]:
         """Return weights of each run's frequencies that make a residual (realization, time) white.
 
-        They are inverse to the root of its spectrum, and 1 in the mean.
+        They are inverse to the root of its spectrum, whose mean is taken as 1.
         """
         correlation = autocorrelation(residual - residual.mean())
-        lags = np.arange(1, len(correlation)) / self.runs[0].rate
-        weights = []
-        for run in self.runs:
-            turns = np.cos(2 * np.pi * np.outer(run.frequency, lags))
-            weights.append((1 + 2 * turns @ correlation[1:]) ** -0.5)
-        mean = np.mean(np.concatenate(weights))
-        return [each / mean for each in weights]
+        powers = [2 * rfft(correlation, run.samples)[run.bins].real - 1 for run in self.runs]
+        mean = np.mean(np.concatenate(powers))
+        return [np.sqrt(mean / each) for each in powers]
 
 
 def _added(products: Array, sign: float, numbers: Array) -> Array:

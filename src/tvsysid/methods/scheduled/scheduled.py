@@ -19,7 +19,7 @@ from tvsysid.methods import base
 from tvsysid.methods.cascade.columns import second_order_fit
 from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, history
 from tvsysid.methods.scheduled.model import Curves, Orders, Part, Parts, ScheduledModel
-from tvsysid.methods.scheduled.regression import Regression
+from tvsysid.methods.scheduled.regression import Regression, explained
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.models import IMPEDANCE, Diagnostics
 from tvsysid.numerics.bands import mean_known
@@ -99,28 +99,29 @@ class Scheduled(base.Method):
         best, vaf_folds, direction, parts, highest = max(fits, key=itemgetter(1))
         chosen = parts(best, ensemble)
         fit = Regression.of(chosen, ensemble)
+        total, coefficients = fit.total, fit.coefficients
         # Columns of zeros have no coefficients: subtracting the mean removes a constant torque
-        parameters = np.count_nonzero(fit.coefficients)
+        parameters = np.count_nonzero(coefficients)
         independent = independent_realizations(ensemble) / len(ensemble)
-        freedom = max(1.0, float(fit.known.sum()) * independent - parameters)
+        freedom = max(1.0, total[-1, -1] * independent - parameters)
         covariance = fit.covariance(ensemble.sampling_rate, freedom)
         polynomials = {}
         for part, (_, quantities) in chosen.items():
             for name, weights in quantities.items():
                 readout = fit.readout(part, weights)
-                polynomials[name] = readout @ fit.coefficients, readout @ covariance @ readout.T
+                polynomials[name] = readout @ coefficients, readout @ covariance @ readout.T
         curves = Curves(limits, polynomials, freedom)
         estimates = curves.at(values, ("realization", "time"))
         scheduled = curves.at(curves.grid, (self.variable,))
         details = {
-            "vaf": float(fit.vaf(fit.coefficients)),
+            "vaf": float(explained(total, coefficients)),
             "vaf_folds": vaf_folds,
             "order": float(best.intrinsic),
         }
         if self.reflex:
             details |= {"reflex_order": float(best.reflex), "direction": float(direction)}
         free = best._replace(rest=max(best))
-        gain = highest.held_out([free]).mean() - vaf_folds
+        gain = highest.held_out(free).mean() - vaf_folds
         return ScheduledModel(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
@@ -132,7 +133,7 @@ class Scheduled(base.Method):
                 details=details,
             ),
             parts=partial(parts, best),
-            coefficients=fit.coefficients / fit.scale,
+            coefficients=coefficients / fit.scale,
             curves=curves,
         )
 

@@ -7,6 +7,7 @@ from tvsysid.methods.shared.residuals import (
     independent_realizations,
     independent_share,
     noise_colour,
+    noise_ratio,
     posterior_errors,
     residual,
     residual_agreement,

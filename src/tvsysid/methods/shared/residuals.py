@@ -87,6 +87,14 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
     return left[:, first:stop], edge + first
 
 
+def noise_ratio(measured: Array, predicted: Array) -> float:
+    """Return the power of the noise from residuals by the measured and the predicted angle.
+
+    It is relative to the latter residual, which also holds the torque of what noise moves.
+    """
+    return float(np.sum(measured**2) / np.sum(predicted**2))
+
+
 def residual_agreement(ensemble: Ensemble, left: Array, first: int) -> float:
     """Return how much of the torque that depends on the angle a fit explains, in per cent.
 

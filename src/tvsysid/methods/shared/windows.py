@@ -15,6 +15,7 @@ from tvsysid.methods.shared.estimates import Errors, impedance_estimates, standa
 from tvsysid.methods.shared.residuals import (
     independent_realizations,
     noise_correlation,
+    noise_ratio,
     residual,
     residual_agreement,
     second_order_residual,
@@ -98,13 +99,16 @@ def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Arra
 
 
 def window_model(
-    ensemble: Ensemble, windows: Windows, half: int, needed: int
+    ensemble: Ensemble, moved: Ensemble, windows: Windows, half: int, needed: int
 ) -> ImpulseResponseModel:
-    """Return the model of windows. Bands are where a window has the ``needed`` samples."""
+    """Return the model of windows by the angle of ``moved``, which is that of a reference or not.
+
+    Bands are where a window has the ``needed`` samples.
+    """
     lags = windows.weights.shape[1] // 2
     missing = missing_edge(lags, ensemble)
-    left, first = second_order_residual(ensemble, padded(windows.fit, missing))
-    details = {"second_order_agreement": residual_agreement(ensemble, left, first)}
+    left, first = second_order_residual(moved, padded(windows.fit, missing))
+    details = {"second_order_agreement": residual_agreement(moved, left, first)}
     rank = padded(windows.rank.astype(float), missing)
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
     enough, reason = windows.independent >= needed, ""
@@ -116,11 +120,13 @@ def window_model(
         )
 
     def errors() -> dict[str, StandardError]:
-        variances = np.where(enough[:, None], coloured_variances(ensemble, windows, half), np.nan)
+        ratio = noise_ratio(*(residual(each, windows.weights) for each in (ensemble, moved)))
+        variances = ratio * coloured_variances(moved, windows, half)
+        variances[~enough] = np.nan
         values, freedom = (padded(each, missing) for each in (np.sqrt(variances), windows.freedom))
         return standard_errors(values, freedom[:, None], absent=reason)
 
-    return impulse_response_model(ensemble, windows.weights, windows.fit, diagnostics, errors)
+    return impulse_response_model(moved, windows.weights, windows.fit, diagnostics, errors)
 
 
 def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array:

@@ -20,6 +20,7 @@ MAX_POSITIONS = 400  # of one more switch
 MAX_FIRST = 200  # of the first switch
 FIRST_SIZE = 0.2  # standard deviation of the first switch, in mean sizes
 MAX_GAIN = 50.0  # largest gain in log evidence that is expected of one more switch
+MAX_SWITCHES = 20  # from which the search adds none
 SLACK = 5.0  # loss of log evidence against the best set up to which a proposal is kept
 MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
 REACH = 12.0  # loss of log evidence against the best set up to which the search returns a set
@@ -62,6 +63,10 @@ class CurveModel(NamedTuple):
         """Return whether there is a smooth part."""
         return bool(self.smooth.prior.variances[1:].any())
 
+    def score_at(self, positions: Array) -> float:
+        """Return the score with switches at other positions."""
+        return float(self.smooth.scores_of(self.smooth.steps(positions)).max())
+
     def refined(self, spacing: float = PLACED, reach: float = REFINE_REACH) -> CurveModel:
         """Move switches to their most probable positions, each beside the others, in turn.
 
@@ -98,12 +103,11 @@ class CurveModel(NamedTuple):
         """
         own = self.positions
         is_close = np.abs(self.smooth.estimate.axis.offset(own[:, None], own)) < CLOSE
-        tried = [
-            self._replace(positions=np.delete(own, place)).refined()
-            for place in np.flatnonzero(is_close.sum(axis=0) > 1)
-        ]
-        best = max(tried, key=attrgetter("total"), default=self)
-        return best.without_doubles() if best.total > self.total else self
+        rests = [np.delete(own, place) for place in np.flatnonzero(is_close.sum(axis=0) > 1)]
+        if not rests:
+            return self
+        tried = self._replace(positions=max(rests, key=self.score_at)).refined()
+        return tried.without_doubles() if tried.total > self.total else self
 
 
 class Grid:
@@ -181,6 +185,7 @@ def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel
             each
             for smooth, each in still_open.items()
             if each.score + min(gains[smooth], MAX_GAIN) > best
+            and len(each.positions) < MAX_SWITCHES
             and (each.places or each.positions.tobytes() not in ended)
         ]
         if not able:
@@ -194,14 +199,14 @@ def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel
         if after.score <= before.score:
             ended.add(before.positions.tobytes())
             del still_open[before.smooth]
-    best, none = max(map(BY_SCORE, found)), first[0].smooth
+    best, empty = max(map(BY_SCORE, found)), CurveModel(first[0].smooth, np.zeros(0))
     joint = [
-        CurveModel(none, positions, float(none.scores_of(none.steps(positions)).max()))
-        for positions in joint_update(none.estimate, first[0].positions)
+        empty._replace(positions=positions, score=empty.score_at(positions))
+        for positions in joint_update(empty.smooth.estimate, first[0].positions)
     ]
     joint = [each.refined(*grid.window) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
     found += [each for each in joint if each.score > best - SLACK]
     best = max(map(BY_SCORE, found))
     best_of = {each.positions.tobytes(): each for each in sorted(found, key=BY_SCORE)}
     sets = [each for at, each in best_of.items() if at and each.score > best - REACH]
-    return [*nlargest(MAX_SETS, sets, key=BY_SCORE), CurveModel(none, np.zeros(0))]
+    return [*nlargest(MAX_SETS, sets, key=BY_SCORE), empty]

@@ -337,7 +337,7 @@ def oracles(study: tv.study.Study, scenario: Any) -> tuple[Array, Array]:
     rows, found = [], []
     for number in range(study.trials):
         made = tv.study.trials.simulate(study, scenario, number)
-        ensemble = tv.study.trials.cut(study, made.recording)
+        ensemble, _ = tv.study.trials.draw(study, scenario, number)
         wave = made.truth_of(ensemble)["stiffness"][0]
         angle, velocity, acceleration = ensemble.derivatives()
         columns = np.stack([angle, angle * wave, velocity, acceleration]).reshape(4, -1).T
@@ -394,9 +394,7 @@ def speed(key: str) -> Table:
     sizes = [(100.0, 600.0), (200.0, 600.0), (100.0, 6000.0)]
     for wave, (rate, duration) in ((wave, size) for wave in ("square", "sine") for size in sizes):
         study = study_of({"stiffness": wave, "duration_s": duration, "rate": rate}, [key], 1)
-        made = tv.study.trials.simulate(study, study.scenarios[0], 0)
-        ensemble = tv.study.trials.cut(study, made.recording)
-        del made
+        ensemble, _ = tv.study.trials.draw(study, study.scenarios[0], 0)
         method, taken = tv.methods.parse(key), []
         with threadpool_limits(1):
             for _ in range(3):

@@ -38,8 +38,6 @@ def test_traits_in_words():
         "",
     ]
     assert described(SCENARIO) == "square-wave stiffness, filtered noise, 150 s, 10 dB"
-    own = SCENARIO | {"system": "mine:Ankle", "profile": "own"}
-    assert described(own) == "mine:Ankle, filtered noise, 150 s, 10 dB"
 
 
 def test_labels_are_broken_behind_punctuation():

@@ -135,7 +135,7 @@ def test_the_command_ranks_entries_in_scenarios_of_ones_own(tvsysid, tmp_path):
     table = pd.read_csv(tmp_path / "out" / "leaderboard.csv").set_index("entry")
     assert table["rank"].to_dict() == {"sds": 1, "sds:window=0.1": 1, "lpv": 3}
     assert table.score["lpv"] == 100
-    by_scenario = table[["square-noise-20s-10dB", "own_scenarios_Spring-own-prbs-20s-10dB"]]
+    by_scenario = table[["square-noise-20s-10dB", "own_scenarios_Spring-square-prbs-20s-10dB"]]
     np.testing.assert_allclose(table.score, gmean(by_scenario, axis=1), rtol=1e-5)
     text = (tmp_path / "out" / "leaderboard.html").read_text()
     assert "First: sds, sds:window=0.1." in text
@@ -162,7 +162,7 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
 def test_scenarios_of_ones_own_are_in_studies_too(tmp_path):
     (tmp_path / "study.toml").write_text('also = ["own_scenarios:SPRING"]\nmethods = "sds"\n')
     study = tv.study.Study.from_toml(tmp_path / "study.toml")
-    assert study.scenarios[-1].label == "own_scenarios_Spring-own-prbs-20s-10dB"
+    assert study.scenarios[-1].label == "own_scenarios_Spring-square-prbs-20s-10dB"
     entries = leaderboard.study_of(["sds:window=0.2"]).methods
     assert {*METHODS, *CLOSED_LOOP, "sds:window=0.2"} == set(entries)
     for name, said in (

@@ -70,11 +70,10 @@ def described(scenario: Mapping[Any, Any], names: Sequence[str] = TRAITS) -> str
     Viscosity is mentioned only where it varies with stiffness.
     """
     full = {**PROFILES, **PERTURBATIONS, "covarying": "viscosity that varies with stiffness"}
-    values = {name: scenario[name] for name in names if scenario[name] != "own"}
     return ", ".join(
-        full.get(str(value), trait(name, value))
-        for name, value in values.items()
-        if (name, value) not in UNREMARKABLE
+        full.get(str(scenario[name]), trait(name, scenario[name]))
+        for name in names
+        if (name, scenario[name]) not in UNREMARKABLE
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -58,20 +59,22 @@ def dataset_of(
         for column, method in enumerate(task.methods)
     }
     axes = [*coordinates][:3]
-    cases, draws, methods = (coordinates[axis][1] for axis in axes)
-    rows = [
-        [stack([cells.get((case, draw, method), {}) for method in methods]) for draw in draws]
-        for case in cases
-    ]
-    results = labelled(stack([stack(row) for row in rows]), axes)
+    labels = [coordinates[axis][1] for axis in axes]
+    scores = stack([cells.get(place, {}) for place in itertools.product(*labels)])
+    shape = tuple(map(len, labels))
+    results = labelled(
+        {name: each.reshape(*shape, *each.shape[1:]) for name, each in scores.items()}, axes
+    )
     if "unit" not in results:
         reasons = [*results.failure.values.flat, *results.warnings.values.flat]
         raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
-    texts = results.unit.transpose("quantity", ...).values.reshape(results.sizes["quantity"], -1)
-    units = zip(results["quantity"].values.tolist(), texts, strict=True)
+    units = {name: max(own.values.flat) for name, own in results.unit.groupby("quantity")}
     further = {
         "time": ("time", np.arange(round(period * rate)) / rate, {"units": "s"}),
-        "unit": ("quantity", [max(own) or UNITS.get(name, "") for name, own in units]),
+        "unit": (
+            "quantity",
+            [units[name] or UNITS.get(name, "") for name in results["quantity"].values],
+        ),
     }
     results = results.drop_vars("unit").assign_coords({**coordinates, **further})
     return results.assign_attrs(attributes, versions=json.dumps(versions()))

@@ -17,6 +17,7 @@ from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import OVER_TIME, Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Array, Ensemble
+from tvsysid.simulate import Simulation
 
 Scores = dict[str, NDArray[Any]]
 """Arrays by the name of their variable. Where each quantity or pathway has one, axis and label
@@ -41,6 +42,15 @@ class Truth:
     torque: Array
     quantities: Mapping[str, Array] = attrs.field(factory=dict)
     pathways: Mapping[str, Array] = attrs.field(factory=dict)
+
+
+def mean_quantities(simulation: Simulation, ensemble: Ensemble) -> dict[str, Array]:
+    """Return the means over realizations of a simulated joint's quantities, each (time,)."""
+    # A mean of equal values is exact if it is taken of their distances from the first.
+    return {
+        name: each[0] + (each - each[0]).mean(axis=0)
+        for name, each in simulation.truth_of(ensemble).items()
+    }
 
 
 def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
@@ -88,7 +98,7 @@ def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
             held = (lower <= known) & (known <= upper)
             has_band = np.isfinite(lower + upper + known)
             scores[f"covered quantity {name}"] = np.where(has_band, held, np.nan)
-    for name in torques if len(torques) > 1 else ():
+    for name in torques if min(len(torques), len(truth.pathways)) > 1 else ():
         if name in truth.pathways:
             shares = metrics.vaf(truth.pathways[name], torques[name])
             scores[f"pathway_vaf pathway {name}"] = mean_known(shares)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
 from typing import Any, Literal, NamedTuple, Self
 
 import attrs
@@ -36,20 +36,19 @@ from tvsysid.validators import (
     with_settings,
 )
 
-VISCOSITIES = ("constant", "covarying")
+Viscosity = Literal["constant", "covarying"]
 """The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""
 PERIOD, RATE = 2.0, 100.0  # s of a realization, and Hz after decimation, as in the paper
-OWN = "own"  # stiffness and viscosity of a system that has no such settings
-PARTS: dict[str, tuple[Mapping[str, object], str]] = {
-    "stiffness": (PROFILES, "profile"),
-    "perturbation": (PERTURBATIONS, "perturbation"),
-    "system": (SYSTEMS, "system"),
+PARTS: dict[str, Callable[[Any], Any]] = {
+    "stiffness": partial(resolve, known=PROFILES, kind="profile"),
+    "perturbation": partial(resolve, known=PERTURBATIONS, kind="perturbation"),
+    "system": partial(resolve, known=SYSTEMS, kind="system"),
+    "methods": to_method,
 }
-"""Known objects for a setting, and their kind."""
+"""Settings with values that are objects, and functions that return the object of a text."""
 decibels = Validator(
     "a number of decibels, or inf for no noise", lambda value: is_number(value) or value == math.inf
 )
-viscosity = one_of(Literal["constant", "covarying"])
 
 
 class Scenario(NamedTuple):
@@ -145,7 +144,7 @@ class Study(Settings):
     perturbation: tuple[Any, ...] = _values("noise", "prbs")
     duration_s: tuple[float, ...] = _values(150.0, validator=positive, converter=_to_numbers)
     snr_db: tuple[float, ...] = _values(10.0, validator=decibels, converter=_to_numbers)
-    viscosity: tuple[str, ...] = _values("constant", validator=viscosity)
+    viscosity: tuple[str, ...] = _values("constant", validator=one_of(Viscosity))
     system: tuple[Any, ...] = _values("joint")
     also: tuple[Mapping[str, Any], ...] = attrs.field(default=(), converter=_to_tables)
     rate: float = attrs.field(default=RATE, converter=to_float, validator=positive)
@@ -156,7 +155,7 @@ class Study(Settings):
     seed: int = attrs.field(default=0, validator=at_least(0))
 
     def __attrs_post_init__(self) -> None:
-        _ = self.scenarios, self.named_methods  # raises for an unknown name
+        _ = self.scenarios, self.parts  # raises for an unknown name
 
     def replaced(self, **settings: Any) -> Self:
         """Return the study with other values of some settings, in its further scenarios too."""
@@ -172,31 +171,24 @@ class Study(Settings):
         plain = attrs.evolve(self, also=()) if self.also else self
         return (plain, *(attrs.evolve(plain, **table) for table in self.also))
 
-    def _labelled(self, name: str) -> dict[str, Any]:
-        """Return the values of a setting in all grids by their labels."""
-        labelled: dict[str, Any] = {}
-        for value in (value for grid in self.grids for value in getattr(grid, name)):
-            label = label_of(value)
-            if repr(labelled.setdefault(label, value)) != repr(value):
-                raise InputError(
-                    f"{name}: two objects have the same name, {label}; as attrs classes or "
-                    "dataclasses their settings tell them apart"
-                )
-        return labelled
-
     @cached_property
+    def parts(self) -> dict[str, dict[str, Any]]:
+        """Objects of all grids by setting and label, as in ``parts["stiffness"]["square"]``."""
+        parts: dict[str, dict[str, Any]] = {name: {} for name in PARTS}
+        for grid, (name, resolved) in itertools.product(self.grids, PARTS.items()):
+            for value in getattr(grid, name):
+                part, label = resolved(value), label_of(value)
+                if repr(parts[name].setdefault(label, part)) != repr(part):
+                    raise InputError(
+                        f"{name}: two objects have the same name, {label}; as attrs classes or "
+                        "dataclasses their settings tell them apart"
+                    )
+        return parts
+
+    @property
     def named_methods(self) -> dict[str, Method]:
         """Method objects by the label that they have in results."""
-        return {label: to_method(value) for label, value in self._labelled("methods").items()}
-
-    @cached_property
-    def parts(self) -> dict[str, Any]:
-        """Systems, profiles and perturbations by setting and label (``"stiffness square"``)."""
-        return {
-            f"{name} {label}": resolve(value, known, kind)
-            for name, (known, kind) in PARTS.items()
-            for label, value in self._labelled(name).items()
-        }
+        return self.parts["methods"]
 
     @property
     def scenarios(self) -> tuple[Scenario, ...]:
@@ -211,24 +203,20 @@ class Study(Settings):
             for values in itertools.product(*(getattr(grid, name) for name in Scenario._fields)):
                 labels = [each if isinstance(each, float) else label_of(each) for each in values]
                 scenario = Scenario._make(labels)
-                # A system without such a setting has stiffness and viscosity of its own
-                names = settings_of(self.parts[f"system {scenario.system}"]).keys()
-                if "stiffness" not in names:
-                    scenario = scenario._replace(stiffness=OWN)
-                if not {"stiffness", "viscosity"} <= names:
-                    scenario = scenario._replace(viscosity=OWN)
                 methods_of.setdefault(scenario, set()).update(map(label_of, grid.methods))
         return methods_of
 
     def simulated(self, scenario: Scenario) -> tuple[System, Perturbation]:
         """Return the system and perturbation of a scenario."""
-        system, changes = self.parts[f"system {scenario.system}"], {}
-        if scenario.stiffness != OWN:
-            changes["stiffness"] = self.parts[f"stiffness {scenario.stiffness}"]
+        system = self.parts["system"][scenario.system]
+        changes = {"stiffness": self.parts["stiffness"][scenario.stiffness]}
         if scenario.viscosity == "covarying":
             changes["viscosity"] = CovaryingViscosity(changes["stiffness"])
-        perturbation = self.parts[f"perturbation {scenario.perturbation}"]
-        return with_settings(system, **changes) if changes else system, perturbation
+        names = changes.keys() & settings_of(system)
+        return (
+            with_settings(system, **{name: changes[name] for name in names}) if names else system,
+            self.parts["perturbation"][scenario.perturbation],
+        )
 
     def seed_of(self, scenario: Scenario, *trial: int) -> np.random.SeedSequence:
         """Return the seed of a scenario or of one trial; it depends on no other scenario."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -82,10 +82,10 @@ def score(results: xr.Dataset) -> xr.Dataset:
 
     case, draw, method = axes_of(results)
     count, shape = results.sizes[draw], (results.sizes[case], results.sizes[method])
-    replicates = DRAWS if draw == "trial" else 0
-    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), replicates)
-    weights = np.vstack([np.ones(count), drawn])
-    draws = results
+    drawn = np.random.default_rng(0).multinomial(
+        count, np.full(count, 1 / count), DRAWS if draw == "trial" else 0
+    )
+    weights, draws = np.vstack([np.ones(count), drawn]), results
     if "trial_truth" in draws:  # an error is added to the mean truth
         draws = draws.assign(estimate=draws.estimate - (draws.trial_truth - draws.truth))
     found = stack(
@@ -95,21 +95,22 @@ def score(results: xr.Dataset) -> xr.Dataset:
         ]
     )
     samples = np.stack([*found.values()], axis=1).reshape(*shape, len(found), len(weights))
-    dims = case, method, "metric"
-    scores = xr.Dataset({"value": (dims, samples[..., 0])}, attrs=results.attrs)
-    kept = {name: own for name, own in results.coords.items() if set(own.dims) <= {case, method}}
     texts = (each.replace(" ", "·").replace("m2", "m²") for each in results.unit.values.tolist())
     units = dict(zip(results["quantity"].values, texts, strict=True))
-    fixed = METRICS | {"failed": f"{draw}s", PATHWAY: PERCENT}
     pairs = (name.rpartition(" ") for name in found)
-    unit = [fixed[measure] or units[quantity or MAIN] for quantity, _, measure in pairs]
-    scores = scores.assign_coords(kept | {"metric": [*found]})
+    unit = [
+        METRICS.get(metric, PERCENT) or units[quantity or MAIN] for quantity, _, metric in pairs
+    ]
+    cells = results.failure.isel({draw: 0}, drop=True).coords
+    coordinates = {**cells, "metric": [*found], "unit": ("metric", unit)}
+    dims = case, method, "metric"
+    scores = xr.Dataset({"value": (dims, samples[..., 0])}, coordinates, results.attrs)
     failed = scores.value.sel(metric="failed", drop=True)
     scores[f"{draw}s"] = (count - failed).fillna(0).astype(int)
-    if replicates:
+    if draw == "trial":
         scores["replicates"] = (*dims, "draw"), samples[..., 1:]
         scores["standard_error"] = scores.replicates.std("draw").where(scores.trials > 1)
-    return scores.assign_coords(unit=("metric", unit))
+    return scores
 
 
 def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
@@ -118,19 +119,18 @@ def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
     Weights of the draws, shape (replicate, draw), give a replicate each. The first ones are equal:
     they give the metrics themselves.
     """
-    nothing = np.full(len(weights), np.nan)
-    found: Scores = dict.fromkeys(METRICS, nothing)
+    found: Scores = dict.fromkeys(METRICS, np.full(len(weights), np.nan))
     if not draws.coords.get("asked", True):
         return found
     used = draws.failure.values == ""
-    is_first = np.arange(len(weights)) == 0
-    found["failed"] = np.where(is_first, np.sum(~used), np.nan)
+    found["failed"] = _once(np.sum(~used), weights)
     if not used.any():
         return found
     own, weights = draws.isel(trial=used, bootstrap=used, missing_dims="ignore"), weights[:, used]
     # A draw of M trials varies less than what it is drawn from; a single one has no spread
     factor = used.sum() / (used.sum() - 1 or np.nan)
-    factors = np.where(is_first, factor / factor, factor)
+    factors = np.full(len(weights), factor)
+    factors[0] = factor / factor
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # the mean of nothing
         for quantity in map(str, own.quantity.values):
             one, prefix = own.sel(quantity=quantity), "" if quantity == MAIN else f"{quantity} "
@@ -138,6 +138,11 @@ def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
                 values = _of_quantity(one, weights, factor, factors)
                 found |= {prefix + name: each for name, each in values.items()}
         return found | _of_torque(own, weights, factors)
+
+
+def _once(value: float, weights: Array) -> Array:
+    """Return a metric that has no replicates."""
+    return np.append(value, np.full(len(weights) - 1, np.nan))
 
 
 def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array) -> Scores:
@@ -168,35 +173,31 @@ def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array)
 def _of_torque(draws: xr.Dataset, weights: Array, factors: Array) -> Scores:
     """Return the metrics of the torque, and those at switches of the stiffness."""
     mean, own = partial(metrics.weighted_mean, weights=weights), draws.sel(quantity=MAIN)
-    vaf, varying, truth = own.vaf.values, own.time_varying_vaf.values, own.truth.values
+    varying, truth, time = own.time_varying_vaf.values, own.truth.values, own.time.values
     over_time, off = mean(varying), varying - varying.mean(axis=0)
     variance = np.maximum(0.0, mean(np.square(off)) - np.square(mean(off)))
     spread = np.sqrt(variance * factors[:, None])
-    found = {
-        "vaf": mean(vaf),
-        "bandpassed_vaf": mean(own.bandpassed_vaf.values),
-        "lowest_vaf": np.where(np.arange(len(weights)), np.nan, vaf.min()),
+
+    def average(values: Array, times: Any = slice(None)) -> Array:
+        return np.asarray(np.nanmean(values[:, times], axis=1))
+
+    found = {name: mean(own[name]) for name in ("vaf", "bandpassed_vaf", "seconds")} | {
+        "lowest_vaf": _once(own.vaf.values.min(), weights),
         "lowest_time_varying_vaf": np.nanmin(over_time, axis=1),
-        "time_varying_vaf_sd": np.nanmean(spread, axis=1),
-        "time_varying_vaf_sd_soft": np.nanmean(spread[:, truth < truth.mean()], axis=1),
-        "time_varying_vaf_sd_stiff": np.nanmean(spread[:, truth > truth.mean()], axis=1),
-        "seconds": mean(own.seconds.values),
+        "time_varying_vaf_sd": average(spread),
+        "time_varying_vaf_sd_soft": average(spread, truth < truth.mean()),
+        "time_varying_vaf_sd_stiff": average(spread, truth > truth.mean()),
     }
     for pathway in map(str, draws.pathway.values) if PATHWAY in draws else ():
         found[f"{pathway} {PATHWAY}"] = mean(draws[PATHWAY].sel(pathway=pathway))
-    distance = from_switch(own.time.values, truth)
+    distance = from_switch(time, truth)
     if np.isfinite(distance).all():
-        away, near = (
-            np.nanmean(over_time[:, part], axis=1)
-            for part in (distance >= AWAY, distance <= AT_SWITCH + 1e-9)
+        found["switch_dip"] = average(over_time, distance >= AWAY) - average(
+            over_time, distance <= AT_SWITCH + 1e-9
         )
-        upward = np.flatnonzero(truth > np.roll(truth, 1))
-        rise = 0.1 * (truth.max() - truth.min())
-        levels = truth.min() + rise, truth.max() - rise, float(own.time[upward[0]])
-        found["switch_dip"] = away - near
-        found["rise_time"] = metrics.rise_time(
-            own.time.values, own.estimate.values, *levels, weights=weights
-        )
+        rise, upward = 0.1 * np.ptp(truth), np.argmax(truth > np.roll(truth, 1))
+        levels = truth.min() + rise, truth.max() - rise, time[upward]
+        found["rise_time"] = metrics.rise_time(time, own.estimate.values, *levels, weights=weights)
     return found
 
 

@@ -10,11 +10,11 @@ import attrs
 import numpy as np
 
 from tvsysid.preprocess import decimate, segment, subtract_mean
-from tvsysid.signals import Array, Ensemble, Recording
+from tvsysid.signals import Ensemble
 from tvsysid.simulate import Simulation
 from tvsysid.study.dataset import SIMULATIONS, dataset_of
-from tvsysid.study.measure import Scores, Truth
-from tvsysid.study.scenarios import PARTS, Scenario, Study
+from tvsysid.study.measure import Scores, Truth, mean_quantities
+from tvsysid.study.scenarios import Scenario, Study
 from tvsysid.study.tasks import Task, identity_of
 
 if TYPE_CHECKING:
@@ -27,22 +27,16 @@ TRAITS = ("profile", *Scenario._fields[1:])  # coordinates of a scenario in the 
 def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]:
     """Return a trial, with its noiseless torque and the means of its quantities."""
     simulation = simulate(study, scenario, trial)
-    ensemble = cut(study, simulation.recording)
-    pathways = simulation.pathways if len(simulation.pathways) > 1 else {}
-    noiseless = attrs.evolve(simulation.noiseless, channels=pathways)
-    cores = segment(decimate(noiseless, study.rate), study.period)
-
-    def core(values: Array) -> Array:
-        own = np.asarray(values[:, cores.core])
-        return own - own.mean(axis=0) if study.subtract_mean else own
-
-    # A mean of equal values is exact if it is taken of their distances from the first
-    quantities = {
-        name: each[0] + (each - each[0]).mean(axis=0)
-        for name, each in simulation.truth_of(ensemble).items()
-    }
-    parts = {name: core(values) for name, values in cores.channels.items()}
-    return ensemble, Truth(core(cores.torque), quantities, parts)
+    own, pathways = simulation.recording.channels, simulation.pathways
+    both = attrs.evolve(simulation.recording, channels={**own, **pathways})
+    ensemble = segment(decimate(both, study.rate), study.period)
+    torques = {name: ensemble.signal(name)[:, ensemble.core] for name in pathways}
+    ensemble = attrs.evolve(ensemble, channels={name: ensemble.channels[name] for name in own})
+    if study.subtract_mean:
+        ensemble = subtract_mean(ensemble)
+        torques = {name: each - each.mean(axis=0) for name, each in torques.items()}
+    quantities = mean_quantities(simulation, ensemble)
+    return ensemble, Truth(np.asarray(sum(torques.values())), quantities, torques)
 
 
 def simulate(study: Study, scenario: Scenario, trial: int) -> Simulation:
@@ -57,19 +51,12 @@ def simulate(study: Study, scenario: Scenario, trial: int) -> Simulation:
     )
 
 
-def cut(study: Study, recording: Recording) -> Ensemble:
-    """Return the realizations of the recording, as methods get them."""
-    ensemble = segment(decimate(recording, study.rate), study.period)
-    return subtract_mean(ensemble) if study.subtract_mean else ensemble
-
-
 def tasks_of(study: Study) -> list[Task]:
     """Return a task for each trial, the longest first."""
     tasks = []
     for scenario in sorted(study.scenarios, key=lambda each: -each.duration_s):
         asked = study.methods_of[scenario]
-        names = (f"{name} {getattr(scenario, name)}" for name in PARTS)
-        parts = [identity_of(study.parts[name]) for name in names if name in study.parts]
+        parts = [identity_of(each) for each in study.simulated(scenario)]
         settings = study.rate, study.period, study.subtract_mean
         task = Task(
             case=scenario.label,

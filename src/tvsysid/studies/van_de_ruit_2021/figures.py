@@ -27,7 +27,7 @@ from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.studies.pictures import differing_in, illustrated, scenario_figures
 from tvsysid.study import Prepared
 from tvsysid.study.scenarios import RATE, Scenario, Study
-from tvsysid.study.trials import cut, simulate
+from tvsysid.study.trials import draw
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,15 +102,14 @@ def example_responses(seed: int) -> xr.Dataset:
     import xarray as xr  # noqa: PLC0415  # heavy
 
     study = Study(seed=seed)
-    simulation = simulate(study, SCENARIO, 0)
-    ensemble = cut(study, simulation.recording)
+    ensemble, truth = draw(study, SCENARIO, 0)
     methods: dict[str, Any] = {
         "eirf": EnsembleIRF(), "sds": ShortDataSegments(), "birf": BasisIRF(model="irf")
     }  # fmt: skip
     rows = [round(instant * RATE) for instant in INSTANTS]
     found = [each.identify(ensemble).impulse_response[rows] for each in methods.values()]
-    truth = simulation.truth_of(ensemble)
-    true = np.stack([truth[name][0, rows] for name in ("stiffness", "viscosity", "inertia")], -1)
+    names = "stiffness", "viscosity", "inertia"
+    true = np.stack([truth.quantities[name][rows] for name in names], -1)
     # Discrete weights of a derivative of order m are those for unit sample time, times the rate to
     # the power m; a response is per second, which is once more the rate.
     weights = derivative_weights(HALF_WIDTH) * RATE ** np.array([[1.0], [2.0], [3.0]])

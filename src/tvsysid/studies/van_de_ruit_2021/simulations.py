@@ -15,7 +15,7 @@ from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.studies.claims import HIGHER, HIGHER_RATIO, Claim, Margin, claim, ranked, ratio
 from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.studies.van_de_ruit_2021.figures import study_figures
-from tvsysid.study.scenarios import VISCOSITIES, Scenario
+from tvsysid.study.scenarios import Scenario
 
 DURATIONS = (40.0, 80.0, 150.0, 300.0, 600.0)  # s
 SNRS = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0)  # dB
@@ -49,6 +49,7 @@ RESIDUE = (
     "up to some 10 dB at 150 s."
 )
 
+VISCOSITIES = ("constant", "covarying")
 PRESETS: dict[str, dict[str, object]] = {
     "quick": {},
     "paper": {

@@ -19,10 +19,9 @@ from matplotlib.figure import Figure
 import tvsysid as tv
 from tvsysid.figures.style import TRUE_LINE, curve
 from tvsysid.methods.registry import STUDIED_METHODS
-from tvsysid.studies.closed_loop import ACTUATORS, SNR, loop_figures, system
-from tvsysid.studies.closed_loop import PRESETS as CLOSED_LOOP
-from tvsysid.studies.reflex import NAMES, ONE_PATH, reflex_figures
-from tvsysid.studies.reflex import PRESETS as REFLEX
+from tvsysid.studies import PRESETS, closed_loop
+from tvsysid.studies.reflex import NAMES, ONE_PATH
+from tvsysid.studies.reflex import STUDY as REFLEXES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,18 +93,22 @@ def reflex() -> Figure:
 
 
 def reflex_bias() -> Figure:
-    preset = REFLEX["reflex"] | {
+    preset = PRESETS["reflex"] | {
         "system": tuple(NAMES.values()),
         "methods": (*ONE_PATH, "cascade"),
         "also": (),
     }
-    return reflex_figures(*studied(**preset))["bias-reflex-sine"].draw()
+    return REFLEXES.figures(*studied(**preset))["bias-reflex-sine"].draw()
 
 
 def closed_loop_bias() -> Figure:
-    systems = tuple(system(actuator, 5.0) for actuator in ACTUATORS)
-    preset = CLOSED_LOOP["closed-loop"] | {"snr_db": (SNR[5.0],), "system": systems, "also": ()}
-    return loop_figures(*studied(**preset))["bias-5Hz"].draw()
+    systems = tuple(closed_loop.system(actuator, 5.0) for actuator in closed_loop.ACTUATORS)
+    preset = PRESETS["closed-loop"] | {
+        "snr_db": (closed_loop.SNR[5.0],),
+        "system": systems,
+        "also": (),
+    }
+    return closed_loop.STUDY.figures(*studied(**preset))["bias-5Hz"].draw()
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {

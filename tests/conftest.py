@@ -132,10 +132,9 @@ def tvsysid(monkeypatch, capsys, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
-    paper = "tvsysid.studies.van_de_ruit_2021"
-    for module in ("tvsysid.studies.published_study", f"{paper}.folder"):
-        monkeypatch.setattr(f"{module}.draw_all", lambda *given: {})
-    monkeypatch.setattr(f"{paper}.folder.write_diagnosis", lambda *given: None)
+    monkeypatch.setattr("tvsysid.studies.published_study.draw_all", lambda *given: {})
+    diagnosis = "tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis"
+    monkeypatch.setattr(diagnosis, lambda *given: None)
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)
     monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given, **_: None)

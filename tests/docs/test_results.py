@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.synthetic import results_of, summary_of
 
-from tvsysid.studies.van_de_ruit_2021.figures import study_figures
+from tvsysid.studies.van_de_ruit_2021 import STUDY
 from tvsysid.study import Study, run
 from tvsysid.study.scores import METRICS
 from tvsysid.study.summary import COLUMNS
@@ -46,6 +46,6 @@ def test_every_variable_of_the_store_is_named():
 @pytest.mark.slow
 def test_every_kind_of_figure_is_named():
     results = results_of()
-    kinds = {stem.partition("-")[0] for stem in study_figures(results, summary_of(results))}
+    kinds = {stem.partition("-")[0] for stem in STUDY.figures(results, summary_of(results))}
     kinds |= {"bias"}  # of tests.studies.test_literature
     assert {name.partition("-")[0] for name in quoted(SECTIONS["figures/"])} == kinds

@@ -17,7 +17,8 @@ from tvsysid.figures import draw_all
 from tvsysid.figures.style import panels
 from tvsysid.report import write_experiment_report, write_report
 from tvsysid.report.sheet import facts
-from tvsysid.studies.van_de_ruit_2021.figures import experiment_figures, study_figures
+from tvsysid.studies.van_de_ruit_2021 import STUDY
+from tvsysid.studies.van_de_ruit_2021.folder import experiment_figures
 
 HOSTILE = "mine:<script>alert(1)</script>"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -51,7 +52,7 @@ def study():
 def page(study, tmp_path_factory):
     """Path of a report."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    figures = pictures(study_figures(*study))
+    figures = pictures(STUDY.figures(*study))
     write_report(path, *study, claims(), figures, "tvsysid benchmark --trials 3 && echo")
     return path
 

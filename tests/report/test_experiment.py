@@ -7,7 +7,7 @@ from tests.report.elements import Elements, section, table
 
 from tvsysid.report import problems, write_experiment_report
 from tvsysid.report.experiment import metrics
-from tvsysid.studies.van_de_ruit_2021.figures import experiment_figures
+from tvsysid.studies.van_de_ruit_2021.folder import experiment_figures
 
 
 @pytest.fixture(scope="session")

@@ -177,12 +177,3 @@ def test_both_pathways_are_drawn_with_their_truth(with_reflex):
     labels = [label.get_text() for label in rows["VAF reflex"].get_xticklabels()]
     assert "noise bandwidth=1" in labels[1]
     assert ticks(shown["bias-reflex-sine"].draw()) == [0, 4, 16]
-
-
-@pytest.mark.slow
-def test_the_error_of_the_gain_is_drawn_against_the_amount_of_data():
-    settings = {"system": "reflex-sine", "methods": [Cascade()], "trials": 1}
-    _, summary, shown = run_preset("reflex", duration_s=[8, 10, 14], **settings)
-    axes = shown["amount-reflex-sine-sine"].draw().axes[0]
-    expected = np.c_[[8, 10, 14], summary.value[summary.metric == GAIN]]
-    np.testing.assert_array_equal(axes.containers[0].lines[0].get_xydata(), expected)

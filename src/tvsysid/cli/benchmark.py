@@ -124,10 +124,10 @@ def benchmark(
 
 def write(results: xr.Dataset, out: Path, command: str) -> int:
     """Write tables, figures and report, print a summary, and return the exit code."""
-    from tvsysid.studies import published, write_study
+    from tvsysid.studies import published
 
     literature = published(results)
     with errors.status("scoring and drawing"):
-        written = write_study(results, out, literature, command)
+        written = literature.write(results, out, command)
     need = f"other scenarios: --preset {', '.join(literature.presets)}"
     return show_study(written, results, out, "scenario", need)

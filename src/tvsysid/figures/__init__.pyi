@@ -27,7 +27,6 @@ from .simulations import METRICS as METRICS
 from .simulations import METRICS_OF_PATHWAYS as METRICS_OF_PATHWAYS
 from .simulations import coverage_over_time as coverage_over_time
 from .simulations import error_against as error_against
-from .simulations import error_against_amount as error_against_amount
 from .simulations import impulse_responses as impulse_responses
 from .simulations import method_comparison as method_comparison
 from .style import lines as lines

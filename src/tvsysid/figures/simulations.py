@@ -36,12 +36,6 @@ OVER_TIME = {
     "reflex_gain": "reflex gain\n(N·m·s/rad)",
     "VAF": "time-varying VAF\n(%)",
 }
-ERRORS = {
-    "debiased_bias_error": "bias error, debiased\n(N·m/rad)",
-    "random_error": "random error\n(N·m/rad)",
-    "total_error": "total error\n(N·m/rad)",
-}
-AMOUNTS = {"duration_s": "data (s)", "snr_db": "signal-to-noise ratio (dB)"}
 NOMINAL = 95.0
 # seconds over which the share of trials is averaged: of a hundred trials it is a coarse number
 SMOOTHED = 0.05
@@ -118,43 +112,6 @@ def _draw_metric(
         axes.errorbar(places, mine.value, mine.standard_error.fillna(0.0), **points)
     axes.set_xlim(-0.5, len(scenarios) - 0.5)
     style.scale_errors(axes, rows.value)
-
-
-@style.styled
-def error_against_amount(summary: pd.DataFrame, title: str = "") -> Figure:
-    """Draw bias, random and total error over the amount of data, by method: value ± standard error.
-
-    A row for each error, a column for each perturbation.
-
-    Parameters
-    ----------
-    summary
-        Rows of a study's summary for one stiffness profile and viscosity, with several durations
-        and one signal-to-noise ratio, or the other way round. Data without noise have no place on
-        the axis of ratios and are left out.
-    """
-    amount = "snr_db" if summary.snr_db.nunique() > 1 else "duration_s"
-    rows = summary[np.isfinite(summary[amount])].rename(columns={amount: "size"})
-    perturbations = unique(rows.perturbation)
-    count = len(perturbations)
-    figure, grid = style.panels(
-        len(ERRORS),
-        count,
-        3.3 * count + 0.7,
-        6.8,
-        title,
-        xlabel=AMOUNTS[amount],
-        ylabels=ERRORS.values(),
-        headings=map(perturbation_name, perturbations),
-        sharex=True,
-        sharey="row",
-    )
-    for row, error in zip(grid, ERRORS, strict=True):
-        here = rows[rows.metric == error]
-        for axes, perturbation in zip(row, perturbations, strict=True):
-            _draw_errors(axes, here[here.perturbation == perturbation])
-        style.scale_errors(row[0], here.value)
-    return style.finish(figure)
 
 
 @style.styled

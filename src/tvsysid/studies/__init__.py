@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from tvsysid.errors import InputError
 from tvsysid.studies import closed_loop, reflex, van_de_ruit_2021
-from tvsysid.studies.published_study import PublishedStudy, write_study
+from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study import Study
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["PRESETS", "preset", "published", "van_de_ruit_2021", "write_study"]
+__all__ = ["PRESETS", "preset", "published", "van_de_ruit_2021"]
 
 STUDIES = (reflex.STUDY, closed_loop.STUDY, van_de_ruit_2021.STUDY)
 PRESETS = {**van_de_ruit_2021.STUDY.presets, **reflex.STUDY.presets, **closed_loop.STUDY.presets}

@@ -10,12 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures import Illustration
-from tvsysid.figures.results import scenario_traits
 from tvsysid.methods import CLOSED_LOOP, resolve
 from tvsysid.simulate import SYSTEMS
 from tvsysid.studies.claims import Claim, Margin, claim, ratio
-from tvsysid.studies.pictures import BIAS_LABEL, differing_in, error_over_size, scenario_figures
 from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study.scenarios import Scenario
 
@@ -127,30 +124,18 @@ CLAIMS: tuple[Claim, ...] = (
 )  # fmt: skip
 
 
-def loop_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
-    """Return all figures of a study, by the stem of the file's name.
-
-    For each noise those of :func:`scenario_figures`, such as ``"comparison-5Hz"``, and
-    ``"bias-5Hz"``: mean bias of the stiffness against the stiffness of the actuator.
-
-    Parameters
-    ----------
-    results, summary
-        As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
-    """
-    traits = scenario_traits(results)
+def grouped(_: xr.Dataset, traits: pd.DataFrame) -> tuple[list[str], list[float]]:
+    """Return the noise of each scenario, such as ``"5Hz"``, and the stiffness of its actuator."""
     loops: list[Any] = [resolve(each, SYSTEMS, "system") for each in traits.system]
-    traits["actuator"] = [loop.actuator_stiffness for loop in loops]
-    shown: dict[str, Illustration] = {}
-    for noise, rows in traits.groupby([loop.noise_bandwidth for loop in loops]):
-        shown |= scenario_figures(results, summary, f"{noise:g}Hz", list(rows.index))
-        actuators = differing_in(rows, rows.index[0], "system").actuator
-        actuators = actuators[actuators < IMPOSED]
-        size = f"stiffness of the actuator (N·m/rad), noise up to {noise:g} Hz"
-        shown |= error_over_size(f"bias-{noise:g}Hz", summary, actuators, size, BIAS, BIAS_LABEL)
-    return shown
+    names = [f"{loop.noise_bandwidth:g}Hz" for loop in loops]
+    return names, [loop.actuator_stiffness for loop in loops]
 
 
 STUDY = PublishedStudy(
-    PRESETS, CLAIMS, "is said of joints in closed loop", loop_figures, ("compliant", "loaded")
+    ("compliant", "loaded"),
+    "is said of joints in closed loop",
+    PRESETS,
+    CLAIMS,
+    grouped,
+    "stiffness of the actuator (N·m/rad)",
 )

@@ -17,10 +17,10 @@ import numpy as np
 from tvsysid.figures import draw_all, leaderboard
 from tvsysid.methods import CLOSED_LOOP, METHODS
 from tvsysid.numerics import Array
+from tvsysid.recordings.write import write_table
 from tvsysid.report.page import render
 from tvsysid.report.studies import problems, settings_of, version_of
-from tvsysid.studies.pictures import illustrated
-from tvsysid.studies.published_study import write_tables
+from tvsysid.studies.published_study import illustrated
 from tvsysid.study.scenarios import Scenario, Study
 from tvsysid.study.scores import MAIN
 
@@ -184,7 +184,7 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     scenarios.insert(1, "kind", [KINDS.get(each, "further") for each in study.scenarios])
     groups = {str(kind): list(rows.index) for kind, rows in scenarios.groupby("kind", sort=False)}
     table = standings(results, groups)
-    write_tables(folder, {FILES[1]: table})
+    write_table(folder / FILES[1], table)
     picture = illustrated(
         leaderboard,
         table,

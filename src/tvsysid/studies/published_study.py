@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import attrs
 
-from tvsysid.figures import Illustration, draw_all
+from tvsysid.figures import (
+    METRICS,
+    METRICS_OF_PATHWAYS,
+    Illustration,
+    Picture,
+    coverage_over_time,
+    draw_all,
+    error_against,
+    method_comparison,
+)
+from tvsysid.figures.results import scenario_traits
+from tvsysid.figures.words import described
 from tvsysid.quality import Diagnosis
 from tvsysid.recordings.write import write_table
 from tvsysid.report import write_report
@@ -20,6 +32,30 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+COMPARISON = (
+    "A column for each method. Upper rows, over one realization of {}: estimates, mean and two "
+    "standard deviations over trials, against the truth, and time-varying VAF. Lower rows: metrics "
+    "of all scenarios with standard errors; the ranking has the numbers."
+)
+COVERAGE = (
+    "Share of trials in which the 95 % band of each method holds the true stiffness, over one "
+    "realization of {}, averaged over 0.05 s. A band covers the random error, not the bias of what "
+    "a method smooths: about a switch bands miss the truth."
+)
+
+
+class Written(NamedTuple):
+    """Tables that were written to a folder, and names of the files."""
+
+    summary: pd.DataFrame
+    """A row for each metric, as of :func:`tvsysid.study.summarize`."""
+    claims: pd.DataFrame
+    """A row for each claim, with its verdict."""
+    files: Sequence[str]
+    """Names in the folder."""
+    diagnoses: Mapping[str, Diagnosis] = MappingProxyType({})
+    """Of an experiment: by recording."""
+
 
 @attrs.frozen(eq=False)
 class PublishedStudy:
@@ -27,23 +63,30 @@ class PublishedStudy:
 
     Parameters
     ----------
+    systems
+        Kinds of systems that the claims are about.
+    says
+        Who says so of what, as in "the literature says of reflexes".
     presets
         Settings of the studies that all claims together need, by name.
     claims
         The claims.
-    says
-        Who says so of what, as in "the literature says of reflexes".
-    figures
-        Return the figures from results and their summary.
-    systems
-        Kinds of systems that the claims are about.
+    grouped
+        From results and the traits of their scenarios, return for each scenario the name of the
+        group that shares its figures, and the size of what the bias depends on.
+    size
+        What that size is, with its unit.
+    further
+        From results, return further figures.
     """
 
+    systems: Sequence[str]
+    says: str
     presets: Mapping[str, Mapping[str, Any]]
     claims: Sequence[Claim]
-    says: str
-    figures: Callable[[xr.Dataset, pd.DataFrame], dict[str, Illustration]]
-    systems: Sequence[str]
+    grouped: Callable[[xr.Dataset, pd.DataFrame], tuple[Any, Any]]
+    size: str = ""
+    further: Callable[[xr.Dataset], dict[str, Illustration]] = lambda _: {}
 
     def judge(self, scores: xr.Dataset) -> pd.DataFrame:
         """Return a row for each claim, from scores as of :func:`tvsysid.study.score`.
@@ -55,45 +98,93 @@ class PublishedStudy:
         """
         return judge_claims(self.claims, simulation_evidence(scores))
 
+    def figures(self, results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
+        """Return all figures of a study, by the stem of the file's name.
 
-class Written(NamedTuple):
-    """Tables that were written to a folder, and names of the files."""
+        For each group of scenarios ``"comparison-GROUP"`` (metrics of the scenarios that most
+        methods identified, and estimates over time in the one in the middle),
+        ``"coverage-GROUP"`` of the latter, and ``"bias-GROUP"``: the bias against several sizes,
+        from the first scenario of each.
 
-    summary: pd.DataFrame
-    """A row for each metric, as of :func:`tvsysid.study.summarize`."""
-    claims: pd.DataFrame
-    """A row for each claim, with its verdict."""
-    files: tuple[str, ...]
-    """Names in the folder."""
-    diagnoses: Mapping[str, Diagnosis] = MappingProxyType({})
-    """Of an experiment: by recording."""
+        Parameters
+        ----------
+        results, summary
+            As of :func:`tvsysid.study.run` and, of these, :func:`tvsysid.study.summarize`.
+        """
+        traits = scenario_traits(results)
+        shown: dict[str, Illustration] = {}
+        names, sizes = self.grouped(results, traits)
+        methods = summary.groupby("scenario").method.nunique()
+        traits = traits.assign(group=names, size=sizes, methods=methods)
+        bias = summary[summary.metric == "mean_bias"]
+        for name, rows in traits.groupby("group", sort=False):
+            labels = list(rows.index[rows.methods == rows.methods.max()])
+            shown |= scenario_figures(results, summary, name, labels)
+            first = rows["size"].drop_duplicates()
+            points = bias.assign(size=bias.scenario.map(first)).dropna(subset=["size", "value"])
+            if len(first) > 1:
+                label = f"{self.size}, {name}"
+                title = f"Bias of the stiffness against the {label}"
+                text = "A line for each method, with standard errors."
+                shown[f"bias-{name}"] = illustrated(
+                    error_against, label, points, title=title, text=text
+                )
+        return shown | self.further(results)
+
+    def write(self, results: xr.Dataset, folder: Path, command: str = "") -> Written:
+        """Write tables, figures and page of a study.
+
+        Parameters
+        ----------
+        results, folder
+            As of :func:`tvsysid.study.run`, finished or not, and where to write.
+        command
+            Command that ran the study; the page does not mention it if it is empty.
+        """
+        scores = score(results)
+        summary, claims = summarize(scores), self.judge(scores)
+        tables = {"summary.csv": summary, "claims.csv": claims}
+        pictures = write_outcome(folder, tables, self.figures(results, summary))
+        page = folder / "report.html"
+        write_report(page, results, summary, claims, pictures, command, self.says)
+        return Written(summary, claims, ("report.html", *tables, "figures/"))
 
 
-def write_study(
-    results: xr.Dataset, folder: Path, published: PublishedStudy, command: str = ""
-) -> Written:
-    """Write tables, figures and page of a simulation study.
-
-    Parameters
-    ----------
-    results, folder
-        As of :func:`tvsysid.study.run`, finished or not, and where to write.
-    published
-        Claims that are compared with the study, and its figures.
-    command
-        Command that ran the study; the page does not mention it if it is empty.
-    """
-    scores = score(results)
-    summary, claims = summarize(scores), published.judge(scores)
-    tables = {"summary.csv": summary, "claims.csv": claims}
-    write_tables(folder, tables)
-    pictures = draw_all(published.figures(results, summary), folder / "figures")
-    page = folder / "report.html"
-    write_report(page, results, summary, claims, pictures, command, published.says)
-    return Written(summary, claims, ("report.html", *tables, "figures/"))
+def illustrated(draw: Callable[..., Any], *data: Any, title: str, text: str) -> Illustration:
+    """Return the figure that a function draws of data, with its title and its content in words."""
+    return Illustration(partial(draw, *data, title=title), title, text)
 
 
-def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:
-    """Write tables as CSV files with six digits."""
+def scenario_figures(
+    results: xr.Dataset, summary: pd.DataFrame, name: object, labels: Sequence[str]
+) -> dict[str, Illustration]:
+    """Return the figures of a group of scenarios: methods compared, and coverage of their bands."""
+    shown = labels[len(labels) // 2]
+    title = described(scenario_traits(results).loc[shown].to_dict())
+    rows = summary[summary.scenario.isin(labels)]
+    quantities = [each for each in ("stiffness", "reflex_gain") if each in results["quantity"]]
+    data = results.sel(quantity=quantities, method_key=rows.method.unique())
+    metrics = METRICS_OF_PATHWAYS if len(quantities) > 1 else METRICS
+    return {
+        f"comparison-{name}": illustrated(
+            partial(method_comparison, metrics=metrics),
+            *(data, rows, [shown], labels),
+            title=f"Methods compared: {title}",
+            text=COMPARISON.format(shown),
+        ),
+        f"coverage-{name}": illustrated(
+            coverage_over_time,
+            *(results, [shown]),
+            title=f"How often the bands hold the truth: {title}",
+            text=COVERAGE.format(shown),
+        ),
+    }
+
+
+def write_outcome(
+    folder: Path, tables: Mapping[str, pd.DataFrame], figures: Mapping[str, Illustration]
+) -> dict[str, Picture]:
+    """Write tables and figures, by name; return the pictures."""
     for name, table in tables.items():
         write_table(folder / name, table)
+    return draw_all(figures, folder / "figures")

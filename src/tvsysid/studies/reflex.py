@@ -10,11 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tvsysid.figures import Illustration
-from tvsysid.figures.results import scenario_traits
 from tvsysid.numerics import Array
 from tvsysid.studies.claims import HIGHER, Claim, Margin, claim, ratio
-from tvsysid.studies.pictures import BIAS_LABEL, differing_in, error_over_size, scenario_figures
 from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.study.scenarios import Scenario
 
@@ -124,39 +121,17 @@ CLAIMS: tuple[Claim, ...] = (
 """The joint that varies has a mean reflex gain of 8 N·m·s/rad and stiffness of 100 N·m/rad."""
 
 
-def reflex_figures(results: xr.Dataset, summary: pd.DataFrame) -> dict[str, Illustration]:
-    """Return all figures of a study, by the stem of the file's name.
-
-    For each kind of system and profile those of :func:`scenario_figures`, such as
-    ``"comparison-reflex-sine-sine"``, of the scenarios that most methods identified;
-    ``"bias-reflex-sine"``: bias of the stiffness against the reflex gain, and
-    ``"amount-reflex-sine-sine"``: error of the gain against the data, where several were simulated.
-
-    Parameters
-    ----------
-    results, summary
-        As of :func:`tvsysid.study.run` and, of these results, :func:`tvsysid.study.summarize`.
-    """
-    traits = scenario_traits(results)
-    traits["gain"] = results.truth.sel(quantity="reflex_gain").mean("time").to_series()
-    traits["methods"] = results.asked.sum("method_key").to_series()
-    shown: dict[str, Illustration] = {}
-    for (kind, profile), rows in traits.groupby([traits.system.str.partition(":")[0], "profile"]):
-        stem, usual = f"{kind}-{profile}", rows[rows.methods == rows.methods.max()].index
-        shown |= scenario_figures(results, summary, stem, list(usual))
-        gains = differing_in(rows, usual[0], "system").gain
-        size = f"gain of the reflex (N·m·s/rad), {kind}"
-        shown |= error_over_size(f"bias-{stem}", summary, gains, size, BIAS, BIAS_LABEL)
-        durations = differing_in(rows, usual[0], "duration_s").duration_s
-        error = "total error of the reflex gain (N·m·s/rad)"
-        shown |= error_over_size(f"amount-{stem}", summary, durations, "data (s)", GAIN, error)
-    return shown
+def grouped(results: xr.Dataset, traits: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
+    """Return kind of system and profile of each scenario, and the mean gain of its reflex."""
+    gains = results.truth.sel(quantity="reflex_gain").mean("time").to_series()
+    return traits.system.str.partition(":")[0] + "-" + traits.profile, gains
 
 
 STUDY = PublishedStudy(
+    ("reflex", "reflex-sine", "reflex-square"),
+    "the literature says of reflexes and of methods that separate them",
     PRESETS,
     CLAIMS,
-    "the literature says of reflexes and of methods that separate them",
-    reflex_figures,
-    ("reflex", "reflex-sine", "reflex-square"),
+    grouped,
+    "gain of the reflex (N·m·s/rad)",
 )

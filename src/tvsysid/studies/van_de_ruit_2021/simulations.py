@@ -7,15 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.studies.claims import HIGHER, HIGHER_RATIO, Claim, Margin, claim, ranked, ratio
 from tvsysid.studies.published_study import PublishedStudy
-from tvsysid.studies.van_de_ruit_2021.figures import study_figures
+from tvsysid.studies.van_de_ruit_2021.impulse_responses import illustration
 from tvsysid.study.scenarios import Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 DURATIONS = (40.0, 80.0, 150.0, 300.0, 600.0)  # s
 SNRS = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0)  # dB
@@ -185,6 +189,17 @@ CLAIMS: tuple[Claim, ...] = (
 )  # fmt: skip
 
 
+def grouped(_: xr.Dataset, traits: pd.DataFrame) -> tuple[pd.Series, int]:
+    """Return profile and perturbation of each scenario; no size is of interest."""
+    ending = traits.viscosity.map({"covarying": "-covarying"}).fillna("")
+    return traits.profile + ending + "-" + traits.perturbation, 0
+
+
 STUDY = PublishedStudy(
-    PRESETS, CLAIMS, "van de Ruit et al. (2021) say of their simulations", study_figures, ["joint"]
+    ("joint",),
+    "van de Ruit et al. (2021) say of their simulations",
+    PRESETS,
+    CLAIMS,
+    grouped,
+    further=illustration,
 )

@@ -7,7 +7,8 @@ import numpy as np
 
 from tvsysid.methods import base, shared
 from tvsysid.methods.cascade.alternating import constant_cascade, two_pathways
-from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, history
+from tvsysid.methods.cascade.method import TwoPathwayMethod
+from tvsysid.methods.cascade.pathways import TwoPathwayModel, history
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.signals import Ensemble
@@ -17,7 +18,7 @@ MIN_SAMPLES_PER_LAG = 5  # of the reflex's response
 
 
 @attrs.frozen
-class ParallelCascade(base.Method):
+class ParallelCascade(TwoPathwayMethod):
     r"""Identify intrinsic and reflex pathway of a joint that does not change, in turn.
 
     .. math:: y(t) = \Delta t \sum_{j=-n}^{n} h_j\, \theta(t - j)
@@ -72,9 +73,6 @@ class ParallelCascade(base.Method):
         "turn, so that each may keep a part of the other's torque."
     )
     cites = ("kearney1997",)
-    quantities = ("reflex_gain",)
-    pathway_names = PATHWAYS
-    uses_recorded_angle = True
     time_invariant = True
 
     def skip(self, ensemble: Ensemble) -> str | None:
@@ -85,9 +83,8 @@ class ParallelCascade(base.Method):
         if known >= MIN_SAMPLES_PER_LAG * (before + 1):
             return None
         return (
-            f"only {known} samples have {self.memory:g} s recorded before them, as long as the "
-            "reflex's response; shorten memory, record more, or cut with more context (--context) "
-            "or realizations that follow each other"
+            f"only {known} samples have {self.memory:g} s recorded before them; shorten memory, or "
+            "cut with more context (--context)"
         )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
@@ -104,7 +101,9 @@ class ParallelCascade(base.Method):
         weights, impedance = (
             np.tile(each, (times, 1)) for each in (found.weights, readout @ cross)
         )
-        diagnostics = Diagnostics(float(found.rank + late.solution.rank))
+        diagnostics = Diagnostics(
+            float(found.rank + late.solution.rank), details={"second_order_agreement": agrees}
+        )
         plain = shared.impulse_response_model(ensemble, weights, impedance, diagnostics, {})
         reflex = np.tile(late.solution.weights, (ensemble.samples, 1))
-        return two_pathways(ensemble, plain, drive, reflex, 0, {"second_order_agreement": agrees})
+        return two_pathways(ensemble, plain, drive, reflex, 0)

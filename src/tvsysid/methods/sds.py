@@ -11,7 +11,7 @@ from tvsysid.methods import shared
 from tvsysid.methods.base import fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.signals import Ensemble
-from tvsysid.validators import optional, positive, text
+from tvsysid.validators import not_negative, optional, positive, text
 
 # Independent samples that a band needs. With fewer, 95 % bands covered the truth in 78 to 90 %.
 MIN_SAMPLES_PER_LAG = 3
@@ -34,7 +34,7 @@ class ShortDataSegments(shared.ByReference):
         Largest lag on either side, in s.
     window
         Time N Δt over which the joint is assumed constant, in s. An instantaneous change is spread
-        over the window: the rise from 10 to 90 % takes 80 % of it.
+        over the window: the rise from 10 to 90 % takes 80 % of it. 0 takes each time by itself.
     reference
         Channel that moves the joint from outside, for a joint in closed loop. The angle that it
         predicts takes the place of the angle (:mod:`tvsysid.methods.shared.instrument`).
@@ -53,7 +53,7 @@ class ShortDataSegments(shared.ByReference):
     """
 
     max_lag: float = attrs.field(default=0.12, validator=positive)
-    window: float = attrs.field(default=0.10, validator=positive)
+    window: float = attrs.field(default=0.10, validator=not_negative)
     reference: str | None = attrs.field(default=None, validator=optional(text))
 
     key = "sds"

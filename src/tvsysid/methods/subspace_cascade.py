@@ -8,11 +8,12 @@ import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
-from tvsysid.methods.base import Method, fitting_lags, missing_edge, padded, whole_samples
+from tvsysid.methods.base import fitting_lags, missing_edge, padded, whole_samples
+from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import (
-    PATHWAYS,
     TwoPathwayModel,
     of_unit_slope,
+    velocity_limits,
     velocity_terms,
 )
 from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
@@ -31,7 +32,7 @@ MAX_COLOUR_S = 0.6  # lag up to which the noise's autocorrelation counts
 
 
 @attrs.frozen
-class SubspaceCascade(Method):
+class SubspaceCascade(TwoPathwayMethod):
     r"""Separate intrinsic and reflex stiffness by projection and subspace identification.
 
     .. math:: y(t) = \sum_{|\tau| \le d} h(\tau)\, \theta(t - \tau)\, \Delta t
@@ -93,9 +94,6 @@ class SubspaceCascade(Method):
     horizon: float = attrs.field(default=0.2, validator=positive)
 
     key = "sdss"
-    uses_recorded_angle = True
-    quantities = ("reflex_gain",)
-    pathway_names = PATHWAYS
     time_invariant = True
     title = "Structural decomposition by subspaces (SDSS)"
     assumptions = (
@@ -181,7 +179,7 @@ class SubspaceCascade(Method):
         """Yield realizations that follow each other, with as much context as the lags reach."""
         core = ensemble.core
         signals = np.stack([ensemble.torque, ensemble.angle])
-        terms = velocity_terms(ensemble, self.terms)
+        terms = velocity_terms(ensemble, velocity_limits(ensemble), self.terms)
         # A mean that is subtracted at each time is subtracted from all, and an offset is one.
         if not ensemble.mean_subtracted:
             signals -= signals.mean(axis=(1, 2), keepdims=True)

@@ -23,7 +23,7 @@ MIN_TURN_GAIN = 5e-4  # share of the output's power
 class Turn(NamedTuple):
     """Weights after a turn, the explained share of the output's power, and the caller's details."""
 
-    weights: Array
+    weights: Array = np.zeros(0)
     explained: float = -np.inf
     details: Any = None
 

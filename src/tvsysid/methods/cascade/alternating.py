@@ -10,17 +10,16 @@ import numpy as np
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods import birf
-from tvsysid.methods.base import Input, Method, whole_samples
+from tvsysid.methods.base import whole_samples
+from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import (
     DIRECTIONS,
-    PATHWAYS,
     Drive,
     Measured,
     Stretch,
     TwoPathwayModel,
     history,
 )
-from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.models import Estimate, StandardError
@@ -31,16 +30,15 @@ from tvsysid.numerics.moments import convolve_lags, sliding_sum
 from tvsysid.numerics.moments import lagged_moments as moments_of
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import not_negative, one_of, optional, positive, text
+from tvsysid.validators import not_negative, optional, positive, text
 
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
-OnePath = birf.BasisIRF | ShortDataSegments | EnsembleIRF
 MAX_TURNS = 30  # of either pathway
 MIN_GAIN = 1e-5  # share of the torque's power by which a turn must improve the fit
 MIN_REALIZATIONS = 3  # with their past: of fewer there is nothing to average over
 
 
-class AlternatingCascade(Method):
+class AlternatingCascade(TwoPathwayMethod):
     """Identify each pathway in turn from the torque that the other pathway leaves.
 
     A subclass names the method of one pathway that identifies either. The response of the reflex
@@ -50,32 +48,22 @@ class AlternatingCascade(Method):
 
     max_lag: float
     memory: float
-    emg: str | None = None
-
-    quantities = ("reflex_gain",)
-    pathway_names = PATHWAYS
-    uses_recorded_angle = True
 
     @abstractmethod
-    def _one_path(self, max_lag: float) -> OnePath:
+    def _one_path(self, max_lag: float) -> birf.BasisIRF | ShortDataSegments:
         """Return the method that identifies a pathway with these lags to either side, in s."""
-
-    @property
-    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
-        """Return the channel of the EMG, if it drives the reflex."""
-        return () if self.emg is None else (Input(self.emg, "input", "V"),)
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip the method if too few realizations have a recorded past."""
         past = history(ensemble, ensemble.angle, whole_samples(self.memory, ensemble))
         count = int((~np.isnan(past).any(axis=1)).sum())
-        needed = min(MIN_REALIZATIONS, max(len(ensemble), 1 + ensemble.mean_subtracted))
-        if count >= needed and ensemble.context >= whole_samples(self.max_lag, ensemble):
+        lasts = ensemble.context >= whole_samples(self.max_lag, ensemble)
+        if count * lasts >= MIN_REALIZATIONS:
             return None
         return (
             f"{count} of {len(ensemble)} realizations have {self.memory:g} s recorded before them, "
-            f"as long as the reflex's response, and {self.max_lag:g} s after, {needed} are needed; "
-            "cut with more context (--context), or shorten memory"
+            f"and {MIN_REALIZATIONS} are needed, with {self.max_lag:g} s after them; cut with more "
+            "context (--context), or shorten memory"
         )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
@@ -84,40 +72,36 @@ class AlternatingCascade(Method):
         first = 0 if self.emg else lags
         reach = (max(before, 2 * lags) - first + 1) // 2  # to either side of the reflex's mean lag
         before = first + 2 * reach
-        drive: Drive = (
-            Measured(self.emg) if self.emg else constant_cascade(ensemble, lags, before)[0]
-        )
+        drive = Measured(self.emg) if self.emg else constant_cascade(ensemble, lags, before)[0]
         past = past_of(ensemble, drive, before)[:, : 2 * reach + ensemble.samples]
         known = ~np.isnan(past).any(axis=1)
         past, kept = past[known], ensemble.select(known)
-        context = slice(ensemble.core.start - lags, ensemble.core.stop + lags)
-        angle, torque = kept.angle[:, context], kept.torque[:, kept.core]
+        angle = kept.angle[:, kept.core.start - lags : kept.core.stop + lags]
+        torque = kept.torque[:, kept.core]
 
-        def moved(signal: Array, output: Array) -> Ensemble:
+        def moved(signal: Array, context: int, output: Array) -> Ensemble:
             """Return a joint of one pathway with this input in the place of the angle."""
-            samples = (signal.shape[1] - ensemble.samples) // 2
             return attrs.evolve(
                 kept,
                 angle=signal,
-                torque=np.pad(output, ((0, 0), (samples, samples))),
+                torque=np.pad(output, ((0, 0), (context, context))),
                 recorded_angle=None,
                 channels={},
-                context=samples,
+                context=context,
             )
 
         def step(turn: Turn) -> Turn:
-            joint = moved(angle, torque - turn.details[1])
+            joint = moved(angle, lags, torque - turn.details[1])
             intrinsic = self._one_path(self.max_lag).fit(joint)
-            early = intrinsic.predict(joint)
-            weights = self._reflex(moved(past, torque - early))
+            left = torque - intrinsic.predict(joint)
+            weights = self._reflex(moved(past, reach, left))
             late = convolve_lags(past, weights)
-            explained = 1 - float(np.sum((torque - early - late) ** 2) / np.sum(torque**2))
+            explained = 1 - float(np.sum((left - late) ** 2) / np.sum(torque**2))
             return Turn(weights, explained, (intrinsic, late))
 
-        start = Turn(np.zeros(0), details=(None, np.zeros_like(torque)))
-        best = alternate(step, start, MAX_TURNS, MIN_GAIN)
+        best = alternate(step, Turn(details=(None, 0.0)), MAX_TURNS, MIN_GAIN)
         intrinsic = attrs.evolve(best.details[0], method=repr(self))
-        return two_pathways(ensemble, intrinsic, drive, best.weights, first, {})
+        return two_pathways(ensemble, intrinsic, drive, best.weights, first)
 
     def _reflex(self, joint: Ensemble) -> Array:
         """Return the weights (time, lag) of a reflex whose drive moves a joint without another."""
@@ -135,10 +119,10 @@ class BasisCascade(AlternatingCascade):
               \lambda_{\tau j} \Lambda_j(t)\, \theta(t - \tau)
               + \Delta t \sum_{\tau=d}^{m} \sum_j \mu_{\tau j} \Lambda_j(t)\, f(t - \tau)
 
-    The intrinsic pathway is identified by :class:`BasisIRF` (``model="irf"``) from the torque less
-    the reflex's, the reflex with the same basis and prior from the torque less the intrinsic one,
-    and so on until the torque explained grows by less than 0.001 points. f is the velocity of
-    stretch, rectified, or EMG.
+    The intrinsic pathway is identified by :class:`BasisIRF` (``model="irf"``, ``prior="ridge"``)
+    from the torque less the reflex's, the reflex with the same basis from the torque less the
+    intrinsic one, and so on until the torque explained grows by less than 0.001 points. f is the
+    velocity of stretch, rectified, or EMG.
 
     Parameters
     ----------
@@ -149,10 +133,6 @@ class BasisCascade(AlternatingCascade):
         Last lag of the reflex's response in s.
     basis
         Basis functions of normalised time; see :class:`BasisIRF`.
-    prior
-        On the coefficients of either pathway: ``"ridge"``, one precision for all, chosen by
-        evidence, as the authors have it; ``"ard"``, one for each, which takes some seconds;
-        ``"none"``.
     emg
         Channel, rectified, that drives the reflex instead of the velocity.
 
@@ -183,7 +163,6 @@ class BasisCascade(AlternatingCascade):
     max_lag: float = attrs.field(default=0.04, validator=positive)
     memory: float = attrs.field(default=0.5, validator=positive)
     basis: Basis = attrs.field(factory=CubicBSplines, validator=A_BASIS)
-    prior: birf.Prior = attrs.field(default="ridge", validator=one_of(birf.Prior))
     emg: str | None = attrs.field(default=None, validator=optional(text))
 
     key = "bpc"
@@ -201,7 +180,7 @@ class BasisCascade(AlternatingCascade):
     cites = ("guarin2017", "guarin2018")
 
     def _one_path(self, max_lag: float) -> birf.BasisIRF:
-        return birf.BasisIRF(max_lag=max_lag, basis=self.basis, model="irf", prior=self.prior)
+        return birf.BasisIRF(max_lag=max_lag, basis=self.basis, model="irf", prior="ridge")
 
 
 @attrs.frozen
@@ -211,10 +190,10 @@ class EnsembleCascade(AlternatingCascade):
     .. math:: y(t) = \Delta t \sum_{\tau=-n}^{n} h(t, \tau)\, \theta(t - \tau)
               + \Delta t \sum_{\tau=d}^{m} p(t, \tau)\, f(t - \tau)
 
-    The intrinsic pathway is identified by :class:`ShortDataSegments` (:class:`EnsembleIRF` without
-    a window) from the torque less the reflex's, the reflex by the same truncated pseudo-inverse
-    from the torque less the intrinsic one, and so on until the torque explained grows by less than
-    0.001 points. f is the velocity of stretch, rectified.
+    The intrinsic pathway is identified by :class:`ShortDataSegments` from the torque less the
+    reflex's, the reflex by the same truncated pseudo-inverse from the torque less the intrinsic
+    one, and so on until the torque explained grows by less than 0.001 points. f is the velocity of
+    stretch, rectified.
 
     Parameters
     ----------
@@ -258,8 +237,8 @@ class EnsembleCascade(AlternatingCascade):
     )
     cites = ("ludvig2011",)
 
-    def _one_path(self, max_lag: float) -> ShortDataSegments | EnsembleIRF:
-        return ShortDataSegments(max_lag, self.window) if self.window else EnsembleIRF(max_lag)
+    def _one_path(self, max_lag: float) -> ShortDataSegments:
+        return ShortDataSegments(max_lag, self.window)
 
     def _reflex(self, joint: Ensemble) -> Array:
         """Return the weights, from the mean square of the torque as it is, not about its mean."""
@@ -273,24 +252,23 @@ class EnsembleCascade(AlternatingCascade):
 def two_pathways(
     ensemble: Ensemble,
     intrinsic: ImpulseResponseModel,
-    drive: Drive,
+    drive: Stretch | Measured,
     reflex: Array,
     first: int,
-    details: dict[str, float],
 ) -> TwoPathwayModel:
     """Return the model of an intrinsic pathway and of a reflex, without bands.
 
     The reflex's weights (time, lag) begin with the lag ``first``. The gain is their sum.
     """
-    rate, none = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
+    rate, error = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
     unit = "N m/V" if isinstance(drive, Measured) else UNITS["reflex_gain"]
     estimates = {**intrinsic.estimates, "reflex_gain": Estimate(reflex.sum(axis=1), unit)}
-    details = {**intrinsic.diagnostics.details, **details, "direction": float(drive.direction)}
+    details = {**intrinsic.diagnostics.details, "direction": float(drive.direction)}
     model = TwoPathwayModel(
         method=intrinsic.method,
         sampling_rate=rate,
         time=intrinsic.time,
-        estimates={name: attrs.evolve(each, error=none) for name, each in estimates.items()},
+        estimates={name: attrs.evolve(each, error=error) for name, each in estimates.items()},
         impulse_response=intrinsic.impulse_response,
         lags=intrinsic.lags,
         reflex_response=reflex * rate,
@@ -315,10 +293,11 @@ def constant_cascade(ensemble: Ensemble, lags: int, before: int) -> tuple[Stretc
 
     The first pathway is the intrinsic one, the second the reflex.
     """
-    drives = [Stretch(direction=direction) for direction in DIRECTIONS]
-    rows = (_rows(ensemble, past_of(ensemble, drive, before), lags) for drive in drives)
-    fits = [parallel_cascade(lagged_moments(each), lags) for each in rows]
-    return max(zip(drives, fits, strict=True), key=lambda fit: fit[1].explained)
+    fits = []
+    for drive in (Stretch(direction=direction) for direction in DIRECTIONS):
+        rows = _rows(ensemble, past_of(ensemble, drive, before), lags)
+        fits.append((drive, parallel_cascade(lagged_moments(rows), lags)))
+    return max(fits, key=lambda fit: fit[1].explained)
 
 
 def _rows(ensemble: Ensemble, past: Array, lags: int) -> Iterator[tuple[Array, Array]]:

@@ -9,9 +9,9 @@ import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
-from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.columns import intrinsic_filters, muscle, readout, unresolved
 from tvsysid.methods.cascade.fit import DELAY, HIGHEST, IS_LOG, NUMBERS, THRESHOLD, Fit, ridge
+from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
 from tvsysid.methods.cascade.search import Hyperparameters, Search, Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
@@ -35,7 +35,7 @@ _three_counts = Validator(
 
 
 @attrs.frozen
-class JointCascade(Method):
+class JointCascade(TwoPathwayMethod):
     r"""Identify both pathways in one fit: a short intrinsic response and a stretch reflex.
 
     The intrinsic response h is to the angle. The reflex acts through a muscle.
@@ -132,19 +132,11 @@ class JointCascade(Method):
         "leave it; harmonics of the period smooth a switch."
     )
     cites = ("kearney1997",)
-    quantities = ("reflex_gain",)
-    pathway_names = PATHWAYS
-    uses_recorded_angle = True
 
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]
         """Return whether the settings take the joint as constant."""
         return not any(self.harmonics[:2])
-
-    @property
-    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
-        """Return the channel of the EMG, if it is named."""
-        return () if self.emg is None else (Input(self.emg, "input", "V"),)
 
     def fit(self, ensemble: Ensemble) -> JointCascadeModel:
         """Return the model of an ensemble."""

@@ -55,19 +55,16 @@ class VelocityPolynomial:
     """Polynomial of the total angle's velocity, which is 0 where the velocity is.
 
     ``coefficients`` are those of Chebyshev polynomials from degree 1 on. ``limits`` in rad/s are
-    mapped to -1 and 1; beyond them the polynomial keeps its value. ``direction`` is that of
-    stretch, in which the polynomial is steeper.
+    mapped to -1 and 1; beyond them the polynomial keeps its value.
     """
 
     coefficients: tuple[float, ...]
     limits: tuple[float, float]
-    direction: int = 1
 
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the polynomial at the recorded rate, decimated as the torque was."""
-        velocity, ratio = velocity_of(ensemble)
-        terms = _terms(velocity, self.limits, len(self.coefficients))
-        return keep_every(terms @ np.array(self.coefficients), ratio)
+        terms = velocity_terms(ensemble, self.limits, len(self.coefficients))
+        return np.tensordot(self.coefficients, terms, 1)
 
 
 # A drive returns the signal (realization, context + time + context) that drives a reflex.
@@ -92,11 +89,22 @@ def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
     return recorded_velocity(recorded, ensemble.sampling_rate), recorded.shape[-1]
 
 
-def velocity_terms(ensemble: Ensemble, degree: int) -> Array:
-    """Return the terms (degree, realization, time) of a polynomial of the velocity, decimated."""
+def velocity_limits(ensemble: Ensemble) -> tuple[float, float]:
+    """Return the lowest and the highest velocity."""
+    velocity, _ = velocity_of(ensemble)
+    return float(velocity.min()), float(velocity.max())
+
+
+def velocity_terms(ensemble: Ensemble, limits: tuple[float, float], degree: int) -> Array:
+    """Return Chebyshev polynomials (degree, realization, time) of the velocity, decimated.
+
+    They have degrees from 1 on, less their values at rest.
+    """
     velocity, ratio = velocity_of(ensemble)
-    terms = _terms(velocity, _limits(velocity), degree)
-    return np.stack([keep_every(each, ratio) for each in np.moveaxis(terms, -1, 0)])
+    moving, at_rest = (
+        chebyshev_of(each, limits, degree + 1)[..., 1:] for each in (velocity, np.zeros(1))
+    )
+    return np.stack([keep_every(each, ratio) for each in np.moveaxis(moving - at_rest, -1, 0)])
 
 
 def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float]:
@@ -105,26 +113,12 @@ def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomia
     The slopes are those of a least-squares fit with an offset and a slope for either direction, as
     a polynomial rounds the corner of a rectifier. Stretch is the direction of the steeper one.
     """
-    limits = _limits(velocity_of(ensemble)[0])
+    limits = velocity_limits(ensemble)
     target = VelocityPolynomial(tuple(weights), limits)(ensemble).ravel()
     columns = rectified_velocities(ensemble).reshape(2, -1).T
     slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
-    steeper = int(np.argmax(np.abs(slopes)))
-    slope = float(slopes[steeper])
-    coefficients = tuple((weights / slope).tolist())
-    return VelocityPolynomial(coefficients, limits, DIRECTIONS[steeper]), slope
-
-
-def _limits(velocity: Array) -> tuple[float, float]:
-    return float(velocity.min()), float(velocity.max())
-
-
-def _terms(velocity: Array, limits: tuple[float, float], degree: int) -> Array:
-    """Return Chebyshev polynomials from degree 1 on less their values at rest (…, degree)."""
-    moving, at_rest = (
-        chebyshev_of(each, limits, degree + 1)[..., 1:] for each in (velocity, np.zeros(1))
-    )
-    return np.asarray(moving - at_rest)
+    slope = float(max(slopes, key=abs))
+    return VelocityPolynomial(tuple((weights / slope).tolist()), limits), slope
 
 
 def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
@@ -191,9 +185,6 @@ def explained_shares(torque: Array, pathways: Mapping[str, Array]) -> dict[str, 
     """Return the shares of the torque's square that pathways explain, together and alone, in %."""
     parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
     parts |= {f"vaf_{name}": part for name, part in pathways.items()}
-    known = np.isfinite(parts["vaf"])
-
-    def power(values: Array) -> float:
-        return float(np.sum(values[known] ** 2))
-
-    return {name: 100 * (1 - power(torque - each) / power(torque)) for name, each in parts.items()}
+    torque = np.where(np.isfinite(parts["vaf"]), torque, np.nan)
+    left = {name: np.nansum((torque - part) ** 2) for name, part in parts.items()}
+    return {name: 100 * (1 - float(each / np.nansum(torque**2))) for name, each in left.items()}

@@ -1,0 +1,21 @@
+"""State what all methods with two pathways have in common."""
+
+from __future__ import annotations
+
+from tvsysid.methods.base import Input, Method
+from tvsysid.methods.cascade.pathways import PATHWAYS
+
+
+class TwoPathwayMethod(Method):
+    """Identify intrinsic pathway and reflex. A channel of EMG may drive the reflex."""
+
+    emg: str | None = None
+
+    quantities = ("reflex_gain",)
+    pathway_names = PATHWAYS
+    uses_recorded_angle = True
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]
+        """Return the channel of the EMG, if it drives the reflex."""
+        return () if self.emg is None else (Input(self.emg, "input", "V"),)

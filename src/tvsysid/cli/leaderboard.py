@@ -13,7 +13,6 @@ from tvsysid.cli.running import run_study
 def leaderboard(
     *,
     method: Methods | None = None,
-    scenario: list[str] | None = None,
     trials: int | None = None,
     seed: int | None = None,
     workers: WorkerOptions = Workers(),
@@ -41,8 +40,6 @@ def leaderboard(
 
     Parameters
     ----------
-    scenario
-        Further scenario, as `module:name`; repeatable. The table is then not that of the version.
     trials
         Trials of each scenario, fewer to try it out. [10, which the version has]
     seed
@@ -54,7 +51,7 @@ def leaderboard(
     from tvsysid.report import problems
     from tvsysid.studies.leaderboard import FILES, study_of, write_leaderboard
 
-    study = study_of(method or (), scenario or (), **given(trials=trials, seed=seed))
+    study = study_of(method or (), **given(trials=trials, seed=seed))
     results = run_study(study, out, workers)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)

@@ -7,11 +7,10 @@ has no times, machines or folders, so that it repeats.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import attrs
 import numpy as np
 
 from tvsysid.figures import draw_all, leaderboard
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 VERSION = 1
 SEED = 1  # of the public trials; those of an official table are kept secret
 TRIALS = 10
-DRAWS = 2000  # bootstrap draws
 MAX_TIE = 2.0  # standard errors of a difference up to which entries share a rank
 
 OTHER_SINE = "sine:mean=80,amplitude=60,offset=0.3"
@@ -64,19 +62,16 @@ SCENARIOS = {
     ),
 }
 """Joints by their kind, in an order that the tables keep."""
-KINDS = {scenario: kind for kind, every in SCENARIOS.items() for scenario in every}
 FILES = ("leaderboard.html", "leaderboard.csv")
 
 
-def study_of(
-    entries: Sequence[object] = (), scenarios: Sequence[object] = (), **changes: Any
-) -> Study:
+def study_of(entries: Sequence[object] = (), **changes: Any) -> Study:
     """Return the leaderboard's study: methods of the package, and others.
 
-    Further ``scenarios`` and ``changes`` of settings make it another one than the version's.
+    Changes of settings make it another one than the version's.
     """
-    first, *others = (each._asdict() for each in KINDS)
-    study = Study(
+    first, *others = (each._asdict() for every in SCENARIOS.values() for each in every)
+    return Study(
         **first,
         also=others,
         methods=tuple(dict.fromkeys((*METHODS, *CLOSED_LOOP, *entries))),
@@ -84,7 +79,6 @@ def study_of(
         trials=TRIALS,
         seed=SEED,
     ).replaced(**changes)
-    return attrs.evolve(study, also=(*study.also, *scenarios))
 
 
 def commitment(seed: int) -> str:
@@ -104,47 +98,48 @@ def errors_of(results: xr.Dataset) -> xr.DataArray:
     return errors.clip(max=1.0).transpose("scenario", "trial", "method_key")
 
 
-def score_of(squares: xr.DataArray) -> xr.DataArray:
-    r"""Return the score in per cent from mean squares over trials, along scenario.
+def score_of(errors: Array) -> Array:
+    r"""Return the score of each entry in per cent, from errors (scenario, trial, entry).
 
     .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t e_{st}^2 / T}
     """
-    logarithms: Any = np.log(squares)
-    score: xr.DataArray = 100 * np.exp(0.5 * logarithms.mean("scenario"))
-    return score
+    squares = (errors**2).mean(axis=1)
+    return np.asarray(100 * np.exp(0.5 * np.log(squares).mean(axis=0)))
 
 
-def replicates_of(errors: xr.DataArray) -> xr.DataArray:
-    """Return scores of resampled trials, (draw, method_key), with the spread of new trials."""
-    import xarray as xr  # noqa: PLC0415  # heavy
-
-    scenarios, trials, _ = errors.shape
-    random, shares = np.random.default_rng(0), np.full(trials, 1 / trials)
-    counts = random.multinomial(trials, shares, (DRAWS, scenarios))
-    weights = xr.DataArray(counts / trials, dims=("draw", "scenario", "trial"))
-    drawn: Any = score_of(xr.dot(weights, errors**2, dim="trial"))
-    # A bootstrap draw varies less than a sample does; one trial has no spread
-    mean, wider = drawn.mean(dim="draw"), np.sqrt(trials / (trials - 1 or np.nan))
-    replicates: xr.DataArray = mean + wider * (drawn - mean)
-    return replicates.transpose("draw", ...)
+def influence_of(errors: Array) -> Array:
+    """Return how much the score changes with each trial's weight, as the errors' shape."""
+    squares = errors**2
+    shares = squares / squares.mean(axis=1, keepdims=True)
+    return np.asarray(score_of(errors) * shares / (2 * len(errors)))
 
 
-def ranks_of(scores: Array, replicates: Array) -> list[int]:
+def standard_error(influence: Array) -> Array:
+    """Return the standard error of scores from the influence of each trial; NaN of one trial.
+
+    All entries see the same trials: a difference of influences gives the error of a difference.
+    """
+    trials = influence.shape[1]
+    return np.asarray(np.sqrt((influence.var(axis=1) / (trials - 1 or np.nan)).sum(axis=0)))
+
+
+def ranks_of(errors: Array) -> list[int]:
     """Rank entries in the order of their scores.
 
     An entry shares the rank of the one that leads it, unless it is behind by more than ``MAX_TIE``
     standard errors of their difference. Then it leads the next rank.
     """
+    scores, influence = score_of(errors), influence_of(errors)
     leader, ranks = 0, [1]
     for place in range(1, len(scores)):
-        error = np.std(replicates[:, place] - replicates[:, leader])
+        error = standard_error(influence[..., place] - influence[..., leader])
         if scores[place] - scores[leader] > MAX_TIE * error:
             leader = place
         ranks.append(leader + 1)
     return ranks
 
 
-def standings(results: xr.Dataset, groups: Mapping[str, list[str]]) -> pd.DataFrame:
+def standings(results: xr.Dataset, groups: dict[str, list[str]]) -> pd.DataFrame:
     """Return a row for each entry, in order of score.
 
     Columns rank, entry, score, score_error (standard), coverage (mean over scenarios with a
@@ -152,20 +147,17 @@ def standings(results: xr.Dataset, groups: Mapping[str, list[str]]) -> pd.DataFr
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    errors, own = errors_of(results), results.sel(quantity=MAIN)
-    squares, replicates = (errors**2).mean("trial"), replicates_of(errors)
-    labels = results.scenario.values.tolist()
-    parts = {**groups, **{label: [label] for label in labels}}
+    errors, held = errors_of(results), results.covered.sel(quantity=MAIN)
+    parts = groups | {label: [label] for labels in groups.values() for label in labels}
     columns = {
         "entry": results.method_key,
-        "score": score_of(squares),
-        "score_error": replicates.std("draw"),
-        "coverage": 100 * own.covered.mean(["trial", "time"]).mean("scenario"),
-        **{name: score_of(squares.sel(scenario=part)) for name, part in parts.items()},
+        "score": score_of(errors.values),
+        "score_error": standard_error(influence_of(errors.values)),
+        "coverage": 100 * held.mean(["trial", "time"]).mean("scenario"),
+        **{name: score_of(errors.sel(scenario=part).values) for name, part in parts.items()},
     }
     table = pd.DataFrame(columns).sort_values("score", kind="stable")
-    ranks = ranks_of(table.score.to_numpy(), replicates.values[:, table.index])
-    table.insert(0, "rank", ranks)
+    table.insert(0, "rank", ranks_of(errors.values[..., table.index]))
     return table.reset_index(drop=True)
 
 
@@ -179,34 +171,31 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    scenarios = pd.DataFrame(study.scenarios, index=[each.label for each in study.scenarios])
-    scenarios.insert(0, "number", range(1, len(scenarios) + 1))
-    scenarios.insert(1, "kind", [KINDS.get(each, "further") for each in study.scenarios])
-    groups = {str(kind): list(rows.index) for kind, rows in scenarios.groupby("kind", sort=False)}
+    rows = [(kind, *each) for kind, every in SCENARIOS.items() for each in every]
+    scenarios = pd.DataFrame(rows, columns=["kind", *Scenario._fields])
+    scenarios.insert(0, "number", scenarios.index + 1)
+    groups = {kind: [each.label for each in every] for kind, every in SCENARIOS.items()}
     table = standings(results, groups)
     write_table(folder / FILES[1], table)
     picture = illustrated(
         leaderboard,
-        table,
-        groups,
+        *(table, groups),
         title="Scores and errors",
         text="Left: rank, and score with two standard errors to either side. Right: error in each "
         "scenario, in per cent of the mean stiffness, the darker the smaller, numbered as in the "
-        "table of scenarios. The tables have the same numbers.",
+        f"table of scenarios. {FILES[1]} has the same numbers.",
     )
-    numbered = ["entry", *map(str, scenarios.number)]
     render(
         folder / FILES[0],
         "leaderboard.html",
-        standings=table.drop(columns=scenarios.index),
-        errors=table[["entry", *scenarios.index]].set_axis(numbered, axis=1),
+        standings=table.drop(columns=results.scenario.values),
         scenarios=scenarios,
         picture=draw_all({"scores": picture})["scores"],
         problems=problems(results),
         versions=settings_of(results, "versions"),
         version=version_of(results),
         number=VERSION,
-        is_official=(study.scenarios, study.trials) == (tuple(KINDS), TRIALS),
+        is_official=study.trials == TRIALS,
         trials=study.trials,
         seed=SEED if study.seed == SEED else None,
         commitment=commitment(study.seed),

@@ -49,7 +49,7 @@ def comparison() -> Figure:
     )
     title = "Square wave, filtered noise, 150 s, 10 dB"
     stiffness = results.sel(quantity=["stiffness"])
-    return tv.figures.method_comparison(stiffness, summary, labels, labels, title, metrics)
+    return tv.figures.method_comparison(stiffness, summary, labels[0], labels, title, metrics)
 
 
 def wave(time: Any) -> Any:

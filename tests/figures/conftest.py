@@ -1,4 +1,5 @@
 import pytest
+from matplotlib import pyplot
 from tests.synthetic import results_of, summary_of
 
 
@@ -10,3 +11,9 @@ def results():
 @pytest.fixture(scope="session")
 def summary(results):
     return summary_of(results)
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    pyplot.close("all")

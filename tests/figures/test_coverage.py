@@ -24,7 +24,7 @@ def made():
 
 def shares(results):
     """What is drawn of each method."""
-    figure = coverage_over_time(results, [LABEL], "Bands")
+    figure = coverage_over_time(results, LABEL, "Bands")
     draw(figure)
     above, below = figure.axes
     assert above.get_ylabel() == "trials whose 95 % band\nholds the truth (%)"

@@ -24,7 +24,7 @@ def test_angle_and_torque_with_the_target_over_ten_seconds():
     assert (angle.get_ylabel(), torque.get_ylabel()) == ("angle (rad)", "torque (N·m)")
     assert last.get_xlabel() == "time (s)"
     np.testing.assert_array_equal(angle.lines[0].get_ydata(), noise.angle)
-    np.testing.assert_allclose(angle.lines[0].get_xdata(), noise.time - 20.0)
+    np.testing.assert_allclose(angle.lines[0].get_xdata(), noise.time)
     np.testing.assert_array_equal(torque.lines[0].get_ydata(), noise.torque)
     np.testing.assert_array_equal(torque.lines[1].get_ydata(), noise.channels["target"])
     assert torque.lines[1].get_color() == TARGET
@@ -34,9 +34,12 @@ def test_angle_and_torque_with_the_target_over_ten_seconds():
 
 def test_without_a_target_there_is_no_legend():
     (excerpt,) = excerpts_of("S1", ("steps",), rate=100.0)
-    figure = recorded_signals({"S1": attrs.evolve(excerpt, channels={})})
+    excerpt = attrs.evolve(excerpt, channels={})
+    figure = recorded_signals({"S1": excerpt})
     content = drawn(figure, "svg")
     assert len(figure.axes) == 2
     assert len(figure.axes[1].lines) == 1
     assert not figure.legends
     assert len(content) < 300_000
+    marked = recorded_signals({"S1": excerpt}, onsets=[18.0, 20.5, 22.5, 31.0]).axes[0]
+    assert [line.get_xdata()[0] for line in marked.lines[1:]] == [20.5, 22.5]

@@ -114,7 +114,7 @@ def test_the_whole_band_of_the_first_method_is_shown(drawn):
         assert high > 60
 
 
-def test_a_rough_curve_is_behind_and_does_not_hide_the_others(drawn):
+def test_a_rough_curve_does_not_hide_the_others(drawn):
     models, bands, _ = drawn
     noise = tv.Estimate(400 * np.random.default_rng(0).normal(size=200), "N m/rad")
     wild = attrs.evolve(models["kbr"], estimates={"stiffness": noise})
@@ -122,8 +122,6 @@ def test_a_rough_curve_is_behind_and_does_not_hide_the_others(drawn):
     low, high = axes.get_ylim()
     assert high - low < 4 * np.ptp(models["sds"].stiffness)
     assert low < bands["sds"]["stiffness"][0].min()
-    orders = {line.get_label(): line.get_zorder() for line in axes.lines}
-    assert orders["eirf"] < orders["kbr"] < orders["sds"]
 
 
 def test_likely_switches_are_marked():

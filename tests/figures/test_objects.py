@@ -3,12 +3,12 @@
 import attrs
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from tests import experimental, synthetic
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.errors import InputError
-from tvsysid.figures.style import panels
 
 
 @pytest.fixture(scope="module")
@@ -49,22 +49,27 @@ def test_comparison_and_model(comparison):
 
 def test_results_of_both_kinds():
     results = synthetic.results_of([("square", "noise", 40.0, 10.0)], ("sds", "kbr"), trials=2)
-    assert labels(tv.figures.plot(results)) == ["stiffness", "", "time-varying VAF", ""]
+    shown = labels(tv.figures.plot(results))
+    assert shown[:5] == ["stiffness", "", "time-varying VAF", "", "bias error"]
     several = experimental.results_of(("P1",), methods=("sds", "kbr"), bootstraps=2)
     titles = [axes.get_title() for axes in tv.figures.plot(several).axes]
     assert titles == ["filtered noise", "PRBS", "torque (N·m)"]
 
 
 def test_what_has_no_picture():
-    with pytest.raises(InputError, match=r"expected a recording, ensemble, .*, got int"):
+    with pytest.raises(InputError, match=r"expected Recording, Ensemble, .*, got int"):
         tv.figures.plot(1)
 
 
-def test_a_figure_shows_itself_without_pyplot():
-    content, size = panels(1, 1, 2.0, 1.0)[0]._repr_png_()
+def test_pyplot_knows_a_figure_until_a_notebook_or_a_file_has_it(ensemble, tmp_path):
+    figure = ensemble.plot()
+    assert pyplot.gcf() is figure
+    (content,), (size,) = (each.values() for each in figure._repr_mimebundle_())
     assert content.startswith(b"\x89PNG")
-    assert size == {"width": 192, "height": 96}
-    assert int.from_bytes(content[16:20], "big") == 2 * size["width"]
+    assert size == {"width": 672, "height": round(96 * figure.get_figheight())}
+    assert not pyplot.get_fignums()
+    tv.figures.save(ensemble.plot(), tmp_path / "figure.png")
+    assert not pyplot.get_fignums()
 
 
 def test_a_simulation_draws_its_recording():

@@ -87,7 +87,7 @@ def test_of_a_recording_that_failed_or_was_never_made_nothing_is_drawn():
     grid = np.array(figure.axes).reshape(3, 3)
     assert "no estimate" in texts(grid[1, 0])
     assert not grid[1, 0].lines
-    assert texts(grid[2, 1]) == ["not recorded"]
+    assert not grid[2, 1].lines
 
 
 @pytest.mark.slow
@@ -96,9 +96,7 @@ def test_without_truth_and_target_neither_is_mentioned():
     for figure in (stiffness_of_participants(results), participant_in_detail(results, "S1")):
         draw(figure)
         assert not {"truth", "torque to be followed"} & set(legend(figure))
-    nothing = results.assign(mean_torque=results.mean_torque * np.nan)
-    assert len(stiffness_of_participants(nothing).axes) == 1
-    assert len(participant_in_detail(nothing, "S1").axes) == 2 * 2
+    assert len(figure.axes) == 2 * 2
 
 
 def test_details_of_a_participant(results):
@@ -117,16 +115,13 @@ def test_details_of_a_participant(results):
         np.testing.assert_allclose(axes.lines[-1].get_ydata(), chosen.mean(axis=0))
         assert axes.lines[-1].get_color() == COLORS[method]
         top = axes.collections[0].get_paths()[0].vertices[:, 1].max()
-        band = chosen.mean(axis=0) + 2 * chosen.std(axis=0, ddof=1)
-        assert top == pytest.approx(min(band.max(), 100) if is_vaf else band.max())
+        assert top == pytest.approx((chosen.mean(axis=0) + 2 * chosen.std(axis=0, ddof=1)).max())
         truth = [line.get_color() for line in axes.lines if line.get_label() == "truth"]
         assert truth == ([] if is_vaf else [TRUTH])
-    assert grid[0, 0].get_ylim() == grid[1, 0].get_ylim()
     assert {axes.get_ylim() for axes in grid[2:4].flat} == {(0, 102)}
     for axes in grid[-1]:
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), results.target_torque.values[2])
-    caption = figure.legends[0].get_title().get_text()
-    assert caption == "mean over bootstraps ± 2 standard deviations"
+        assert not axes.texts
     with pytest.raises(InputError, match="no participant 'P9'; there are P1, P2, P3"):
         participant_in_detail(results, "P9")
 
@@ -139,7 +134,6 @@ def test_a_single_bootstrap_has_no_band_and_a_failed_method_says_so():
     figure = participant_in_detail(failed, "P1")
     draw(figure)
     assert texts(figure.axes[1]) == texts(figure.axes[5]) == ["no estimate"]
-    assert figure.legends[0].get_title().get_text() == "the only bootstrap"
     assert not figure.axes[0].collections
 
 
@@ -162,74 +156,53 @@ def values(summary, perturbation, metric, method, amount):
 def test_bars_whiskers_and_dots_are_the_participants(experiment):
     figure = variance_and_spread(experiment.summary, "Spread")
     draw(figure)
-    grid = np.array(figure.axes).reshape(2, 3)
-    labels = ["VAF (%)", "VAF, 1–10 Hz (%)", "random error (N·m/rad)"]
-    assert [axes.get_ylabel() for axes in grid[0]] == labels
-    assert [axes.get_title(loc="left") for axes in grid[:, 0]] == ["filtered noise", "PRBS"]
-    ticks = [label.get_text() for label in grid[1, 0].get_xticklabels()]
-    assert ticks == [*(f"{name}\n75 | 150" for name in list(METHODS)[:4]), "kbr\n20 | 40"]
-    assert {axes.get_ylim() for axes in grid[:, :2].flat} == {(0, 102)}
-    axes = grid[1, 2]
-    assert axes.get_ylim()[0] == 0
-    bars, dots = axes.containers, [line for line in axes.lines if line.get_marker() == "."]
-    bars = [container for container in bars if hasattr(container, "patches")]
+    grid = np.array(figure.axes).reshape(5, 2)
+    assert [axes.get_ylabel().partition("\n")[0] for axes in grid[:, 0]] == [
+        "VAF (%)", "VAF, 1–10 Hz (%)", "random error", "bias error", "mean bias"
+    ]  # fmt: skip
+    assert [axes.get_title() for axes in grid[0]] == ["filtered noise", "PRBS"]
     amounts = [(m, a) for m in METHODS for a in ((20, 40) if m == "kbr" else (75, 150))]
-    for number, (method, amount) in enumerate(amounts):
+    ticks = [label.get_text() for label in grid[-1, 0].get_xticklabels()]
+    assert ticks == [str(amount) for _, amount in amounts]
+    assert legend(figure) == list(METHODS)
+    assert {axes.get_ylim() for axes in grid[:2].flat} == {(0, 102)}
+    axes = grid[2, 1]
+    assert axes.get_ylim()[0] == 0
+    bars = [each for each in axes.containers if hasattr(each, "patches")]
+    for bar, dots, (method, amount) in zip(bars, axes.lines[2::3], amounts, strict=True):
         each = values(experiment.summary, "prbs", "random_error", method, amount)
-        (bar,) = bars[number]
-        assert bar.get_height() == pytest.approx(each.mean())
-        assert to_hex(bar.get_facecolor()).upper() == COLORS[method]
-        assert bar.get_facecolor()[3] == (0.35, 0.85)[number % 2]
-        (segment,) = bars[number].errorbar[2][0].get_segments()
+        assert bar[0].get_height() == pytest.approx(each.mean())
+        assert to_hex(bar[0].get_facecolor()).upper() == COLORS[method]
+        (segment,) = bar.errorbar[2][0].get_segments()
         reach = 2 * each.std(ddof=1) * np.array([-1, 1])
         np.testing.assert_allclose(segment[:, 1], each.mean() + reach)
-        np.testing.assert_allclose(dots[number].get_ydata(), each)
-
-
-def test_one_participant_one_perturbation_one_amount():
-    one = experiment_of(
-        participants=("S1",), perturbations=("steps",), methods=("own:Way",), amounts=(30,)
-    )
-    figure = variance_and_spread(one.summary)
-    draw(figure)
-    assert len(figure.axes) == 3
-    assert [label.get_text() for label in figure.axes[0].get_xticklabels()] == ["own:Way\n30"]
-    assert all(container.errorbar is None for container in figure.axes[0].containers)
+        np.testing.assert_allclose(dots.get_ydata(), each)
 
 
 @pytest.mark.slow
-def test_error_over_time_and_by_method(experiment, results):
-    figure = error_against_truth(results, experiment.summary, "Error")
+def test_error_over_time(experiment, results):
+    figure = error_against_truth(results, "Error")
     draw(figure)
-    above, below = figure.subfigs
-    grid = np.array(above.axes).reshape(2, 5)
+    grid = np.array(figure.axes).reshape(2, 5)
     assert grid[1, 0].get_ylabel() == "PRBS\nestimate − truth\n(N·m/rad)"
-    zero, *people, mean = grid[1, 2].lines
+    zero, mean = grid[1, 2].lines
     assert set(zero.get_ydata()) == {0}
     cells = results.sel(quantity="stiffness", recording=["P1-prbs", "P2-prbs", "P3-prbs"])
     off = (cells.estimate.sel(analysis="birf-75").mean("bootstrap") - cells.truth).values
-    np.testing.assert_allclose([line.get_ydata() for line in people], off)
     np.testing.assert_allclose(mean.get_ydata(), off.mean(axis=0))
     assert np.mean(mean.get_ydata()) == pytest.approx(METHODS["birf"][0], abs=3)
-    labels = ["bias error (N·m/rad)", "mean bias (N·m/rad)"] * 2
-    assert [axes.get_ylabel() for axes in below.axes] == labels
-    each = values(experiment.summary, "noise", "mean_bias", "kbr", 40)
-    assert below.axes[1].patches[9].get_height() == pytest.approx(each.mean())
-    assert each.mean() < 0
+    top = grid[1, 2].collections[0].get_paths()[0].vertices[:, 1].max()
+    assert top == pytest.approx((off.mean(axis=0) + 2 * off.std(axis=0, ddof=1)).max())
 
 
 @pytest.mark.slow
 def test_errors_of_a_method_that_failed_and_of_people_whose_truth_is_known():
     results = fail(results_of(methods=("sds", "esm")), "no", analysis="esm-75")
     results["truth"][results.participant.values == "P2"] = np.nan
-    summary = summary_of(results)
-    figures = error_against_truth(results, summary), variance_and_spread(summary)
+    figures = error_against_truth(results), variance_and_spread(summary_of(results))
     for figure in figures:
         draw(figure)
-    first, failed = figures[0].subfigs[0].axes[:2]
-    assert len(first.lines) == 1 + 2 + 1
-    assert texts(failed) == ["no estimate"]
-    assert all(np.isnan(line.get_ydata()).all() for line in failed.lines[1:])
+    assert [texts(axes) for axes in figures[0].axes] == [[], ["no estimate"]] * 2
     heights = [bar.get_height() for bar in figures[1].axes[0].patches]
     assert np.isnan(heights).tolist() == [False, False, True, False]
 
@@ -238,14 +211,9 @@ def test_errors_of_a_method_that_failed_and_of_people_whose_truth_is_known():
 def test_long_labels_and_many_amounts_do_not_overlap():
     methods = ("eirf", "sds:window=0.2,max_lag=0.1", "own:AMethodWithALongName", "kbr")
     many = experiment_of(
-        participants=("P1", "P2"), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2
+        participants=("P1",), methods=methods, amounts=(30, 75, 150, 300), bootstraps=2
     )
-    for figure in (
-        variance_and_spread(many.summary),
-        error_against_truth(many.results, many.summary),
-    ):
-        draw(figure)
-        axes = figure.axes[-1]
-        boxes = [label.get_window_extent() for label in axes.get_xticklabels()]
-        assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
-        assert axes.get_xticklabels()[0].get_text() == "eirf\n30 | 75 | 150 | 300"
+    figure = variance_and_spread(many.summary)
+    draw(figure)
+    boxes = [label.get_window_extent() for label in figure.axes[-1].get_xticklabels()]
+    assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))

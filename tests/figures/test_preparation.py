@@ -4,7 +4,7 @@ from tests.drawing import draw
 from tests.virtual import prepared, simulated
 
 from tvsysid.figures import preparation_steps
-from tvsysid.figures.recorded import STEPS
+from tvsysid.figures.recorded import OUTCOMES
 from tvsysid.figures.style import KEPT
 from tvsysid.preprocess import prepare
 
@@ -32,17 +32,15 @@ def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
     counts = {colour: len(lines) for colour, lines in lines_by_colour(before).items()}
     kept = len(preparation.ensemble)
     expected = {
-        STEPS[step][2]: count
+        OUTCOMES[step][1]: count
         for step, count in preparation.table.excluded_by.value_counts().items()
         if step
     }
     assert counts == {KEPT: kept, **expected}
     assert {colour: len(lines) for colour, lines in lines_by_colour(after).items()} == {KEPT: kept}
-    for axes, step, (_, _, colour) in zip(
-        steps, preparation.steps.values(), STEPS.values(), strict=True
-    ):
+    for axes, (name, step) in zip(steps, preparation.steps.items(), strict=True):
         drawn_lines = lines_by_colour(axes)
-        np.testing.assert_array_equal(drawn_lines[colour], step.torque[~step.kept])
+        np.testing.assert_array_equal(drawn_lines[OUTCOMES[name][1]], step.torque[~step.kept])
         assert f"{np.count_nonzero(~step.kept)} excluded" in axes.get_title()
 
 
@@ -60,7 +58,7 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
         mean, low, high = (line.get_ydata() for line in others(axes))
         np.testing.assert_allclose(high - mean, step.half_width)
         np.testing.assert_allclose(mean - low, step.half_width)
-    assert all(axes.get_xlabel() == "time within a realization (s)" for axes in figure.axes)
+    assert task.get_xlabel() == "time within a realization (s)"
     assert before.get_ylabel() == "torque (N·m)"
     draw(figure)
 

@@ -1,57 +1,57 @@
-from functools import partial
+import re
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
-from tests.synthetic import responses_of
 
-from tvsysid.figures import Illustration, draw_all, drawn, impulse_responses, save
+from tvsysid.figures import Illustration, Visit, draw_all, drawn, save, stiffness_of_visits
 
 
-def illustrations(count=2):
-    responses = responses_of()
-    return {
-        f"folder/figure-{number}": Illustration(
-            partial(impulse_responses, responses, f"Number {number}"), f"T{number}"
-        )
-        for number in range(count)
-    }
+def made():
+    return stiffness_of_visits([Visit("May", *np.linspace(1, 2, 40).reshape(4, 10))], "Visits")
 
 
 @pytest.mark.slow
 def test_every_form_is_saved_and_the_svg_returned(tmp_path):
-    pictures = draw_all(illustrations(1), tmp_path)
-    (picture,) = pictures.values()
+    illustrations = {"folder/figure": Illustration(made, "T0")}
+    (picture,) = draw_all(illustrations, tmp_path).values()
     files = sorted(path.name for path in (tmp_path / "folder").iterdir())
-    assert files == ["figure-0.pdf", "figure-0.png", "figure-0.svg"]
-    assert picture.svg == (tmp_path / "folder" / "figure-0.svg").read_bytes()
-    assert ElementTree.fromstring(picture.svg).tag.endswith("svg")
-    assert (picture.title, picture.width, picture.height) == (
-        "T0",
-        round(96 * 7.2),
-        round(96 * 3.6),
-    )
+    assert files == ["figure.pdf", "figure.png", "figure.svg"]
+    assert picture.svg == (tmp_path / "folder" / "figure.svg").read_bytes()
+    assert (picture.title, picture.width, picture.height) == ("T0", 96 * 9, round(96 * 3.2))
 
 
 def test_without_a_folder_only_the_page_gets_its_picture(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    drawing = partial(impulse_responses, responses_of())
-    pictures = draw_all(
-        {"a": Illustration(drawing, "A", endings=("png",)), "b": Illustration(drawing, "B")}
-    )
-    assert pictures["a"].svg == b""
-    assert pictures["b"].svg
+    assert draw_all({"a": Illustration(made, "A")})["a"].svg
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_figure_is_laid_out_once():
-    figure = impulse_responses(responses_of())
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("ending", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")]
+)
+def test_files_are_whole_and_the_same_each_time(tmp_path, ending, start):
+    one, two = (tmp_path / f"{name}.{ending}" for name in ("one", "two"))
+    for path in (one, two):
+        save(made(), path)
+    assert one.read_bytes().startswith(start)
+    assert one.read_bytes() == two.read_bytes()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_figure_is_laid_out_once_and_its_text_stays_text():
+    figure = made()
     first = drawn(figure, "svg")
     assert figure.get_layout_engine() is None
-    drawn(figure, "png")
+    assert not re.search(rb"/Subtype\s*/Type3", drawn(figure, "pdf"))
     assert drawn(figure, "svg") == first
+    root = ElementTree.fromstring(first)
+    texts = {element.text for element in root.iter("{http://www.w3.org/2000/svg}text")}
+    assert {"Visits", "May", "visit", "stiffness (N·m/rad), 95 % band"} <= texts
 
 
 def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path):
     with pytest.raises(ValueError, match="not supported"):
-        save(impulse_responses(responses_of()), tmp_path / "figure.doc")
+        save(made(), tmp_path / "figure.doc")
     assert list(tmp_path.iterdir()) == []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,7 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.figures import style
 from tvsysid.figures.words import unit_name, wrapped
 from tvsysid.methods import Evidence
-from tvsysid.methods.adaptive.model import AdaptiveModel
-from tvsysid.models import IMPEDANCE, OVER_TIME, Model
+from tvsysid.models import IMPEDANCE, Model
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Ensemble
@@ -29,7 +27,6 @@ def identified_impedance(
     models: Mapping[str, Model],
     vaf: Mapping[str, Array],
     title: str = "",
-    but_over: str = "",
     spread: ArrayLike = np.nan,
 ) -> Figure:
     """Draw every quantity of the models with 95 % bands: stiffness above its VAF, others beside it.
@@ -45,12 +42,11 @@ def identified_impedance(
     models, vaf
         By label: the models, and their time-varying VAF in per cent, shape (time,); no axes for it
         if it is empty.
-    but_over
-        Variable over which nothing is drawn, because :func:`scheduled_estimates` does.
     spread
         How far methods differ from the first in N·m/rad, shape (time,): a lighter band.
     """
-    beside = drawn_quantities(models, but_over)[1:]
+    estimated = [name for model in models.values() for name in model.estimates]
+    _, *beside = dict.fromkeys([*IMPEDANCE, *estimated])
     left = ["stiffness", "stiffness", "VAF" if vaf else "stiffness"]
     figure = style.blank(11.0, max(6.0, 2.2 * len(beside) + 0.8), title)
     rows = range(3 * len(beside))
@@ -70,13 +66,6 @@ def identified_impedance(
     return style.finish(figure)
 
 
-def drawn_quantities(models: Mapping[str, Model], but_over: str = "") -> list[str]:
-    """Return the names of the quantities to draw, stiffness first."""
-    estimates = [item for model in models.values() for item in model.estimates.items()]
-    further = [name for name, estimate in estimates if estimate.axes != (but_over,)]
-    return list(dict.fromkeys([*IMPEDANCE, *further]))
-
-
 @style.styled
 def identified_quantity(
     models: Mapping[str, Model],
@@ -93,42 +82,38 @@ def identified_quantity(
 def draw_quantity(
     axes: Axes, name: str, models: Mapping[str, Model], simultaneous: bool = False
 ) -> None:
-    """Draw a quantity over its axis, by every model that estimates it, and its switches.
-
-    The roughest curve is behind, the first model in front.
-    """
-    unit, over, curves, shown = UNITS.get(name, ""), style.REALIZATION_TIME, [], []
-    words = name.replace("_", " ")
-    first = next(iter(models), None)
+    """Draw a quantity over its axis, by every model that estimates it, and its likely switches."""
+    words, unit, over = name.replace("_", " "), UNITS.get(name, ""), "time"
+    curves: dict[str, Array] = {}
+    always: ArrayLike = ()
     for label, look in _lines(models).items():
         model, estimate = models[label], models[label].estimates.get(name)
         if estimate is None or not np.isfinite(estimate.values).any():
             continue
-        is_over_time = estimate.axes in OVER_TIME
-        unit, over = estimate.unit, over if is_over_time else estimate.axes[-1]
-        where = model.time if is_over_time else np.asarray(model.coordinates[over])
-        values, band = mean_known(np.atleast_2d(estimate.values)), None
-        curves.append(values)
-        if estimate.values.size == len(values):  # a mean over realizations has no band
+        unit, over = estimate.unit, estimate.axes[-1]
+        x = np.asarray(model.coordinates.get(over, model.time))
+        values, band = mean_known(np.atleast_2d(estimate.values)), np.full((2, len(x)), np.nan)
+        if estimate.values.size == len(x):  # a mean over realizations has no band
             band = np.reshape(estimate.limits(simultaneous=simultaneous), (2, -1))
-            if label == first and np.isfinite(band).any():
-                shown = np.nanpercentile(band, [2, 98]).tolist()
-        look.setdefault("zorder", 2 + 1 / (1 + np.nansum(np.abs(np.diff(values)))))
-        style.curve(axes, where, values, band, **look)
-        for switch in model.switches if isinstance(model, AdaptiveModel) else ():
+        if not curves and np.isfinite(band).any():
+            always = np.nanpercentile(band, [2, 98])
+        curves[label] = values
+        style.curve(axes, x, values, band, **look)
+        for switch in getattr(model, "switches", ()):
             if switch.quantity == name and switch.probability > 0.5:
                 axes.axvspan(switch.earliest, switch.latest, color=style.INK, alpha=0.2)
                 text = f"{words} {switch.size:+.3g} at {switch.time:.3f} s".replace("-", "−")
                 axes.axvline(switch.time, color=style.INK, linestyle="--", lw=0.8, label=text)
-    axes.set(xlabel=over, ylabel=f"{words} ({unit_name(unit)})")
-    style.limit_to_usual(axes, curves, shown)
+    below = style.REALIZATION_TIME if over == "time" else over
+    axes.set(xlabel=below, ylabel=f"{words} ({unit_name(unit)})")
+    style.limit_to_usual(axes, curves.values(), always)
     if not curves:
         style.remark(axes, "not identified")
 
 
 def _lines(models: Mapping[str, Model]) -> dict[str, dict[str, Any]]:
     """Return settings of the lines; the first stands out."""
-    first, faint = {"linewidth": 2.0, "zorder": 4}, {"linewidth": 0.9, "opacity": 0.14}
+    first, faint = {"linewidth": 2.0, "zorder": 4}, {"linewidth": 0.9}
     looks = style.lines(list(models)).items()
     return {label: look | (faint if place else first) for place, (label, look) in enumerate(looks)}
 
@@ -155,14 +140,15 @@ def scheduled_estimates(
     estimates = [item for model in models.values() for item in model.estimates.items()]
     names = dict.fromkeys(name for name, estimate in estimates if estimate.axes == (variable,))
     count = len(names) + 1
-    figure, grid = style.panels(count, 1, 6.2, 2.2 * count, title, xlabel=variable, sharex=True)
-    for axes, name in zip(grid[:, 0], names, strict=False):
+    figure, grid = style.panels(count, 1, 6.2, 2.2 * count, title, sharex=True)
+    *above, below = grid[:, 0]
+    for axes, name in zip(above, names, strict=True):
         draw_quantity(axes, name, models)
         axes.set_xlabel("")
     values = ensemble.signal(variable)[:, ensemble.core].ravel()
     weights = np.full(len(values), 1 / ensemble.sampling_rate)
-    grid[-1, 0].hist(values, BINS, weights=weights, color=style.INK)
-    grid[-1, 0].set_ylabel("time spent there (s)")
+    below.hist(values, BINS, weights=weights, color=style.INK)
+    below.set(xlabel=variable, ylabel="time spent there (s)")
     return style.finish(figure)
 
 
@@ -171,24 +157,18 @@ def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
     """Draw by how much all settings tried are worse than the best, in axes for each method."""
     count = len(evidence)
     figure, grid = style.panels(count, 1, 5.5, 0.4 + 3.2 * count, title)
-    for axes, (label, item) in zip(grid[:, 0], evidence.items(), strict=True):
-        _draw_tried(axes, item)
-        axes.set_title(wrapped(label, 44))
+    for axes, (label, tried) in zip(grid[:, 0], evidence.items(), strict=True):
+        worse, names = np.nanmax(tried.values) - tried.values, np.array(tried.lines)
+        order = np.argsort(tried.positions)
+        for name in dict.fromkeys(tried.lines):
+            mine = order[names[order] == name]
+            axes.plot(tried.positions[mine], worse[mine], "o-", label=name or "tried")
+        for text, place, fill in (("as given", 0, "none"), ("chosen", tried.chosen, "full")):
+            point: Any = {"color": style.INK, "markersize": 10, "fillstyle": fill, "label": text}
+            axes.plot(tried.positions[place], worse[place], "o", **point)
+        axes.margins(x=0.05)
+        axes.set_yscale("symlog", linthresh=1.0)
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set(xlabel=tried.axis, ylabel="worse than the best by (nat)", title=wrapped(label, 44))
+        axes.legend()
     return figure
-
-
-def _draw_tried(axes: Axes, evidence: Evidence) -> None:
-    values, positions = evidence.values, evidence.positions
-    worse, names = np.nanmax(values) - values, np.array(evidence.lines)
-    order = np.argsort(positions, kind="stable")
-    for name, marker in zip(dict.fromkeys(evidence.lines[1:]), cycle(style.MARKERS), strict=False):
-        mine = order[names[order] == name]
-        axes.plot(positions[mine], worse[mine], marker=marker, label=name or "tried")
-    for label, place, fill in (("as given", 0, "none"), ("chosen", evidence.chosen, "full")):
-        point: Any = {"marker": "o", "markersize": 10, "fillstyle": fill, "linestyle": ""}
-        axes.plot(positions[place], worse[place], color=style.INK, label=label, **point)
-    axes.margins(x=0.05)
-    axes.set_yscale("symlog", linthresh=1.0)
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.set(xlabel=evidence.axis, ylabel="worse than the best by (nat)")
-    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from tvsysid.errors import InputError, printable
 from tvsysid.figures import style
@@ -19,20 +19,22 @@ from tvsysid.recordings import Channel
 from tvsysid.signals import Ensemble, Recording
 
 MAX_SIGNALS = 12  # that are drawn of a file
-MAX_COLUMNS = 20  # that are drawn of a matrix
 # Hundreds of realizations, and thousands of samples, would make a vector file of megabytes.
-THIN: dict[str, Any] = {"linewidth": 0.4, "alpha": 0.6, "rasterized": True}
+THIN: dict[str, Any] = {"linewidth": 0.7, "alpha": 0.6, "rasterized": True}
 MEAN: dict[str, Any] = {"color": "black", "label": "target or mean"}
 LIMIT: dict[str, Any] = {"color": style.INK, "linestyle": "--", "label": "limits"}
-# By step of the preparation: title of its panel, reason to exclude, colour of the excluded
+ONSET: dict[str, Any] = {"color": style.INK, "linewidth": 0.8, "label": "start of a realization"}
 STEPS = {
-    "alignment": ("aligned to the target", "shifted too far", style.PALETTE[1]),
-    "task component": (
-        "component at the task's frequency",
-        "different in the task",
-        style.PALETTE[0],
-    ),
-    "residual": ("residual, low-passed", "different otherwise", style.PALETTE[3]),
+    "alignment": "aligned to the target",
+    "task component": "component at the task's frequency",
+    "residual": "residual, low-passed",
+}
+# By the step that excluded realizations, or none: label and colour
+OUTCOMES = {
+    "": ("kept", style.KEPT),
+    "alignment": ("excluded: shifted too far", style.PALETTE[1]),
+    "task component": ("excluded: different in the task", style.PALETTE[0]),
+    "residual": ("excluded: different otherwise", style.PALETTE[3]),
 }
 
 
@@ -67,12 +69,11 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
     if not signals:
         raise InputError(f"{title}: no signals to draw")
     shown = signals[:MAX_SIGNALS]
-    title += f" ({len(shown)} of {len(signals)} signals)" * (len(shown) < len(signals))
+    title += f" ({len(shown)} of {len(signals)} signals)"
     figure, grid = style.panels(len(shown), 1, 7.0, 1.0 + 1.7 * len(shown), title)
     for axes, (name, channel) in zip(grid[:, 0], shown, strict=True):
-        rate, values = channel.sampling_rate, channel.read(name)
-        columns = np.atleast_2d(values.squeeze().T).T[:, :MAX_COLUMNS]
-        axes.plot(np.arange(len(columns)) / (rate or 1.0), columns, linewidth=0.7, rasterized=True)
+        rate, values = channel.sampling_rate, channel.read(name).squeeze()
+        axes.plot(np.arange(len(values)) / (rate or 1.0), values, linewidth=0.7, rasterized=True)
         axes.set_title(wrapped(name, width=100), loc="left")
         axes.set_ylabel(printable(channel.unit or "unit not stated"))
         axes.set_xlabel("time (s)" if rate else "sample")
@@ -83,20 +84,29 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
 def ensemble_signals(ensemble: Ensemble, title: str = "") -> Figure:
     """Draw angle, torque and channels of every realization over time, and their mean."""
     signals = {"angle (rad)": ensemble.angle, "torque (N·m)": ensemble.torque, **ensemble.channels}
-    figure, grid = style.panels(len(signals), 1, 7.0, 0.7 + 1.8 * len(signals), title, sharex=True)
-    for axes, (name, values) in zip(grid[:, 0], signals.items(), strict=True):
+    figure, grid = style.panels(
+        len(signals),
+        1,
+        7.0,
+        0.7 + 1.8 * len(signals),
+        title,
+        xlabel=style.REALIZATION_TIME,
+        ylabels=map(wrapped, signals),
+        sharex=True,
+    )
+    for axes, values in zip(grid[:, 0], signals.values(), strict=True):
         shown = values[:, ensemble.core]
-        count = f"{len(ensemble)} realizations"
-        axes.plot(ensemble.time, shown.T, color=style.KEPT, label=[count] * len(shown), **THIN)
+        _draw_realizations(axes, ensemble.time, shown, f"{len(ensemble)} realizations", style.KEPT)
         axes.plot(ensemble.time, shown.mean(axis=0), color=style.TARGET, label="their mean")
-        axes.set_ylabel(wrapped(name))
-    grid[-1, 0].set_xlabel(style.REALIZATION_TIME)
     return style.finish(figure)
 
 
 @style.styled
 def recorded_signals(
-    excerpts: Mapping[str, Recording], title: str = "", target: str = "target"
+    excerpts: Mapping[str, Recording],
+    title: str = "",
+    target: str = "target",
+    onsets: Iterable[float] = (),
 ) -> Figure:
     """Draw angle and torque over some seconds, with the target torque if there is one.
 
@@ -108,21 +118,23 @@ def recorded_signals(
         Pieces of recordings, each without a break, by what is written above them.
     target
         Channel that holds the torque to be followed.
+    onsets
+        Times in s at which realizations start, which are marked.
     """
     size = 9.0, 1.75 * len(excerpts) + 1.0
-    figure, grid = style.panels(len(excerpts), 2, *size, title, sharex="col", sharey="col")
+    figure, grid = style.panels(len(excerpts), 2, *size, title, xlabel="time (s)", sharey="col")
     for row, (name, excerpt) in zip(grid, excerpts.items(), strict=True):
-        time = excerpt.time - excerpt.time[0]
+        time = excerpt.time
         signals = {"angle (rad)": excerpt.angle, "torque (N·m)": excerpt.torque}
         for axes, (label, values) in zip(row, signals.items(), strict=True):
             axes.plot(time, values, linewidth=0.6, rasterized=True)
             axes.set_title(wrapped(name, 60), loc="left")
             axes.set_ylabel(label)
+            for onset in onsets:
+                if time[0] <= onset <= time[-1]:
+                    axes.axvline(onset, **ONSET)
         if target in excerpt.channels:
-            look: dict[str, Any] = {"color": style.TARGET, "label": "torque to be followed"}
-            row[1].plot(time, excerpt.channels[target], **look)
-    for axes in grid[-1]:
-        axes.set_xlabel("time (s)")
+            row[1].plot(time, excerpt.channels[target], **style.TARGET_LINE)
     return style.finish(figure)
 
 
@@ -131,36 +143,34 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     """Draw the torque before and after preparation, and the torque that each step compared."""
     recorded, prepared, steps = preparation.recorded, preparation.ensemble, preparation.steps
     rows = -(-(2 + len(steps)) // 3)
-    figure, grid = style.panels(rows, 3, 10.0, 0.4 + 2.9 * rows, title)
+    labels = {"xlabel": style.REALIZATION_TIME, "ylabels": ["torque (N·m)"] * rows}
+    figure, grid = style.panels(rows, 3, 10.0, 0.4 + 2.9 * rows, title, **labels)
     before, after, *others = grid.flat
     excluded_by = preparation.table.excluded_by.to_numpy(dtype=str)
-    _draw_torques(before, recorded.time, recorded.torque[:, recorded.core], excluded_by)
+    _draw_outcomes(before, recorded.time, recorded.torque[:, recorded.core], excluded_by)
     before.set_title(f"recorded: {len(recorded)} realizations")
     if "alignment" in steps:
         before.plot(recorded.time, steps["alignment"].mean, **MEAN)
-    kept = np.full(len(prepared), "")
-    _draw_torques(after, prepared.time, prepared.torque[:, prepared.core], kept)
+    _draw_outcomes(after, prepared.time, prepared.torque[:, prepared.core], "")
     after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted")
     for number, (axes, (name, step)) in enumerate(zip(others, steps.items(), strict=False)):
-        _draw_torques(axes, recorded.time, step.torque, np.where(step.kept, "", name))
+        _draw_outcomes(axes, recorded.time, step.torque, np.where(step.kept, "", name))
         axes.plot(recorded.time, step.mean, **MEAN)
         if step.half_width is not None:
             for limit in (step.mean - step.half_width, step.mean + step.half_width):
                 axes.plot(recorded.time, limit, **LIMIT)
-        count = np.count_nonzero(~step.kept)
-        axes.set_title(f"{number + 1}. {STEPS[name][0]}: {count} excluded")
+        axes.set_title(f"{number + 1}. {STEPS[name]}: {np.sum(~step.kept)} excluded")
     for axes in others[len(steps) :]:
         axes.remove()
     return style.finish(figure)
 
 
-def _draw_torques(axes: Axes, time: Array, torque: Array, excluded_by: NDArray[np.str_]) -> None:
+def _draw_outcomes(axes: Axes, time: Array, torque: Array, excluded_by: ArrayLike) -> None:
     """Draw the torque of each realization in the colour of the step that excluded it."""
-    looks = {name: (f"excluded: {reason}", color) for name, (_, reason, color) in STEPS.items()}
-    for name, (label, color) in ({"": ("kept", style.KEPT)} | looks).items():
-        mine = torque[excluded_by == name]
-        width = 0.9 if name else 0.4
-        axes.plot(
-            *(time, mine.T), color=color, label=[label] * len(mine), **THIN | {"linewidth": width}
-        )
-    axes.set(xlabel=style.REALIZATION_TIME, ylabel="torque (N·m)")
+    steps = np.broadcast_to(excluded_by, len(torque))
+    for name, (label, color) in OUTCOMES.items():
+        _draw_realizations(axes, time, torque[steps == name], label, color)
+
+
+def _draw_realizations(axes: Axes, time: Array, values: Array, label: str, color: str) -> None:
+    axes.plot(time, values.T, color=color, label=[label] * len(values), **THIN)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LOOK: Path = Path(__file__).with_name("tvsysid.mplstyle")
+PAGE_DPI = 96
 # A date would make each file a new one.
 UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
@@ -26,18 +27,17 @@ class Illustration:
     """A figure that is still to be drawn, and its content in words.
 
     ``draw`` returns the figure. The description, in full sentences, stands for the picture where
-    it cannot be seen; :func:`draw_all` saves the picture with all of these endings.
+    it cannot be seen.
     """
 
     draw: Callable[[], Figure]
     title: str
     description: str = ""
-    endings: tuple[str, ...] = ("png", "pdf", "svg")
 
 
 @attrs.frozen
 class Picture:
-    """Drawn figure for a page: SVG, if requested, with its size in pixels (96 per inch)."""
+    """Drawn figure for a page: SVG with its size in pixels (96 per inch)."""
 
     title: str
     description: str
@@ -54,7 +54,7 @@ class Picture:
 def draw_all(
     illustrations: Mapping[str, Illustration], folder: str | Path | None = None
 ) -> dict[str, Picture]:
-    """Draw figures, and save each in the forms that it has.
+    """Draw figures, and save each as SVG, PNG and PDF.
 
     Parameters
     ----------
@@ -65,28 +65,26 @@ def draw_all(
     """
     pictures = {}
     for stem, each in illustrations.items():
-        figure, contents = each.draw(), {}
-        for ending in each.endings:
-            if folder is not None:
-                contents[ending] = _write(figure, Path(folder) / f"{stem}.{ending}")
-            elif ending == "svg":
-                contents[ending] = drawn(figure, ending)
-        width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
-        svg = contents.get("svg", b"")
-        pictures[stem] = Picture(each.title, each.description, svg, width, height)
+        figure = each.draw()
+        svg = drawn(figure, "svg")
+        pictures[stem] = Picture(each.title, each.description, svg, *size_in_pixels(figure))
+        if folder is not None:
+            for ending in ("svg", "png", "pdf"):
+                save(figure, Path(folder) / f"{stem}.{ending}")
     return pictures
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure whole; its ending says in which format: svg, pdf or png."""
-    _write(figure, Path(path))
+    """Write a figure whole, and close it in pyplot.
 
+    Its ending says in which format: svg, pdf or png.
+    """
+    from matplotlib import pyplot  # noqa: PLC0415  # heavy
 
-def _write(figure: Figure, path: Path) -> bytes:
-    content = drawn(figure, path.suffix.removeprefix("."))
+    content = drawn(figure, Path(path).suffix.removeprefix("."))
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
-    return content
+    pyplot.close(figure)
 
 
 def drawn(figure: Figure, format: str) -> bytes:
@@ -106,3 +104,9 @@ def drawn(figure: Figure, format: str) -> bytes:
             figure.set_layout_engine(None)
         figure.savefig(content, format=format, metadata=UNDATED.get(format))
     return content.getvalue()
+
+
+def size_in_pixels(figure: Figure) -> tuple[int, int]:
+    """Return width and height of a figure on a page."""
+    width, height = figure.get_size_inches()
+    return round(PAGE_DPI * width), round(PAGE_DPI * height)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import ContextDecorator
-from io import BytesIO
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import rc_params_from_file
+from matplotlib import pyplot, rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -17,7 +16,7 @@ from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.errors import printable
-from tvsysid.figures.saving import LOOK
+from tvsysid.figures.saving import LOOK, drawn, size_in_pixels
 from tvsysid.methods import METHODS, key_of
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_and_spread
@@ -36,28 +35,26 @@ INK = "#444444"  # lines that are no data: limits, means, zero
 TARGET = "#111111"  # the torque to be followed
 KEPT = "#B8B8B8"  # realizations that were kept
 TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 2.6, "label": "truth"}
+TARGET_LINE: dict[str, Any] = {"color": TARGET, "linewidth": 0.8, "label": "torque to be followed"}
 REALIZATION_TIME = "time within a realization (s)"
 STYLES = ("-", "--", ":", "-.")
 MARKERS = "osD^vPX<>hp*8dH"
 MARKERS_PER_CURVE = 8
-MAX_PATH = 2000  # samples; longer curves become pixels in vector files
 MAX_REACH = 0.75  # of the median range of the curves, by which axes extend beyond it
 LEGEND_ENTRY = 0.6, 0.07  # width in inches, without text and of a letter
-PAGE_DPI = 96
 
 styled: ContextDecorator = context(LOOK)
 """Decorator of a function that draws a figure: it draws in the common look."""
 
 
 class OwnFigure(Figure):
-    """Figure without pyplot, which a notebook shows whatever its backend."""
+    """Figure that a notebook shows once, whatever its backend."""
 
-    @styled
-    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
-        content = BytesIO()
-        self.savefig(content, format="png", dpi=2 * PAGE_DPI)  # fine screens have twice as many
-        width, height = (round(PAGE_DPI * float(inches)) for inches in self.get_size_inches())
-        return content.getvalue(), {"width": width, "height": height}
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, bytes], dict[str, Any]]:
+        pyplot.close(self)  # a notebook would show it again at the end of the cell
+        width, height = size_in_pixels(self)
+        size = {"width": width, "height": height}
+        return {"image/png": drawn(self, "png")}, {"image/png": size}
 
 
 def blank(width: float, height: float, title: str = "") -> Figure:
@@ -127,6 +124,7 @@ def lines(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
     classes = {method.__name__: key for key, method in METHODS.items()}
     keys = [classes.get(label.partition("(")[0], key_of(label)) for label in methods]
     places = {key: place for place, key in enumerate(METHODS)}
+    places = {key: place for place, key in enumerate(METHODS)}
     own = [key for key in dict.fromkeys(keys) if key not in places]
     places |= {key: -1 - place % len(PALETTE) for place, key in enumerate(own)}
     looks = {}
@@ -142,14 +140,7 @@ def lines(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
     return looks
 
 
-def curve(
-    axes: Axes,
-    time: Array,
-    values: Array,
-    band: ArrayLike | None = None,
-    opacity: float = 0.25,
-    **look: Any,
-) -> None:
+def curve(axes: Axes, x: Array, values: Array, band: ArrayLike = np.nan, **look: Any) -> None:
     """Draw a curve above its band of a lighter shade, or say that there is no estimate.
 
     Its markers are few, and not where those of other curves are.
@@ -157,42 +148,40 @@ def curve(
     if not np.isfinite(values).any():
         remark(axes, "no estimate")
         return
-    pixels = len(time) > MAX_PATH
-    if band is not None and np.isfinite(band).any():
-        shade: dict[str, Any] = {"color": look["color"], "alpha": opacity, "linewidth": 0}
-        axes.fill_between(time, *np.asarray(band), rasterized=pixels, **shade)
-    every = max(1, len(time) // MARKERS_PER_CURVE)
-    first = 3 * len(axes.lines) * every // MARKERS_PER_CURVE % every
-    axes.plot(time, values, markevery=(first, every), rasterized=pixels, **look)
+    if np.isfinite(band).any():
+        axes.fill_between(x, *np.asarray(band), color=look["color"], alpha=0.2, linewidth=0)
+    every = max(1, len(x) // MARKERS_PER_CURVE)
+    axes.plot(x, values, markevery=(3 * len(axes.lines) % every, every), **look)
 
 
-class Row(NamedTuple):
-    """Draws (draw, method, time) of a quantity, with its truth; or of a VAF in per cent."""
-
-    label: str
-    draws: Array
-    truth: ArrayLike = np.nan
-    is_vaf: bool = False
-
-
-def rows_by_method(
-    part: Any, rows: Sequence[Row], methods: Sequence[str], headings: Iterable[str], time: Array
-) -> NDArray[Any]:
-    """Draw truth, and mean ± 2 standard deviations of the draws: a column for each method."""
-    words: dict[str, Any] = {"sharex": True, "sharey": "row", "xlabel": "time (s)"}
-    labels = [row.label for row in rows]
-    grid = grid_of(part, len(rows), len(methods), ylabels=labels, headings=headings, **words)
+def columns_by_method(
+    row: Iterable[Axes],
+    methods: Sequence[str],
+    time: Array,
+    draws: Array,
+    truth: ArrayLike = np.nan,
+) -> None:
+    """Draw mean ± 2 standard deviations of draws (draw, method, time), an axes for each method."""
     looks = lines(methods).values()
-    for beside, row in zip(grid, rows, strict=True):
-        for axes, look, mean, spread in zip(
-            beside, looks, *mean_and_spread(row.draws), strict=True
-        ):
-            if np.isfinite(row.truth).any():
-                axes.plot(time, np.asarray(row.truth), **TRUE_LINE)
-            upper = np.minimum(mean + 2 * spread, 100.0 if row.is_vaf else np.inf)
-            curve(axes, time, mean, (mean - 2 * spread, upper), color=look["color"])
-        limit_to_usual(beside[0], row.draws.swapaxes(0, 1), row.truth)
-    return grid
+    for axes, look, mean, spread in zip(row, looks, *mean_and_spread(draws), strict=True):
+        if np.isfinite(truth).any():
+            axes.plot(time, np.broadcast_to(truth, time.shape), **TRUE_LINE)
+        curve(axes, time, mean, (mean - 2 * spread, mean + 2 * spread), color=look["color"])
+
+
+def points_by_method(
+    axes: Axes, rows: pd.DataFrame, methods: Sequence[str], width: float = 0.0, **look: Any
+) -> None:
+    """Draw value ± standard error over the column ``size`` of the rows, a line for each method.
+
+    Points of different methods stand beside each other over a ``width``.
+    """
+    offsets = width * ((np.arange(len(methods)) + 0.5) / len(methods) - 0.5)
+    for offset, (method, line) in zip(offsets, lines(methods).items(), strict=True):
+        mine = rows[rows.method == method].sort_values("size")
+        points = line | {"marker": line["marker"] or "o"} | look
+        axes.errorbar(mine["size"] + offset, mine.value, mine.standard_error.fillna(0.0), **points)
+    axes.margins(x=0.05)
 
 
 def remark(axes: Axes, text: str) -> None:
@@ -211,10 +200,8 @@ def limit_to_usual(axes: Axes, curves: Iterable[Array], always: ArrayLike = ()) 
     low, high = np.median(ranges, axis=0)
     reach = MAX_REACH * (high - low)
     ends = np.append(np.clip(ranges, low - reach, high + reach), always)
-    low, high = np.nanmin(ends), np.nanmax(ends)
-    # What hardly changes does not look as if it did.
-    room = (0.06 * (high - low) + 0.05 * max(abs(low), abs(high))) or 1.0
-    axes.set_ylim(low - room, high + room)
+    room = 0.1 * np.nanmax(np.abs(ends)) or 1.0  # what hardly changes does not look as if it did
+    axes.set_ylim(np.nanmin(ends) - room, np.nanmax(ends) + room)
 
 
 def scale_errors(axes: Axes, values: pd.Series[float]) -> None:

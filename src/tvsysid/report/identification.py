@@ -106,7 +106,7 @@ def illustrations(found: Comparison) -> dict[str, Illustration]:
 
     def impedance(whose: str, labels: list[str], spread: ArrayLike = np.nan) -> Illustration:
         models = {each: found.models[each] for each in labels}
-        draw = partial(identified_impedance, models, vaf, but_over=variable, spread=spread)
+        draw = partial(identified_impedance, models, vaf, spread=spread)
         text = f"Every quantity that was estimated {whose}, with 95 % bands{below}."
         if np.isfinite(spread).any():
             text += " The lighter band shows how far methods differ."

@@ -56,9 +56,7 @@ class Simulation:
 
     def plot(self, title: str = "") -> Figure:
         """Draw the recording."""
-        from tvsysid.figures import plot  # noqa: PLC0415  # figures stand above
-
-        return plot(self, title)
+        return self.recording.plot(title)
 
     def __repr__(self) -> str:
         ranges = {

@@ -168,13 +168,13 @@ def scenario_figures(
     return {
         f"comparison-{name}": illustrated(
             partial(method_comparison, metrics=metrics),
-            *(data, rows, [shown], labels),
+            *(data, rows, shown, labels),
             title=f"Methods compared: {title}",
             text=COMPARISON.format(shown),
         ),
         f"coverage-{name}": illustrated(
             coverage_over_time,
-            *(results, [shown]),
+            *(results, shown),
             title=f"How often the bands hold the truth: {title}",
             text=COVERAGE.format(shown),
         ),

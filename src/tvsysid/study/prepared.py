@@ -199,5 +199,6 @@ def excerpt(recording: Recording, reference: str | None = "target") -> Recording
         recording.angle[part],
         recording.torque[part],
         recording.sampling_rate,
+        recording.time[first],
         channels={} if target is None else {"target": target[part]},
     )

@@ -110,20 +110,20 @@ def experiment_figures(
         "variance-and-spread": illustrated(
             variance_and_spread,
             summary,
-            title="VAF and random error of all methods",
+            title="VAF and errors of all methods",
             text=f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole "
-            "torque, of that between 1 and 10 Hz, and of the random error, with two standard "
-            "deviations over participants; dots: single participants.",
+            "torque, of that between 1 and 10 Hz, of the random error and, where the truth is "
+            "known, of both biases, with two standard deviations over participants; dots: single "
+            "participants.",
         ),
     }
     if is_known(own):
         shown["error-against-truth"] = illustrated(
             error_against_truth,
-            *(own, summary),
+            own,
             title="Error against the truth",
             text="How far the mean estimate over bootstraps is from the true stiffness of virtual "
-            "participants: above over time, a thin line for each participant and a thick one for "
-            "their mean; below as bars with two standard deviations over participants.",
+            "participants: mean and two standard deviations over participants.",
         )
     mine = {
         perturbation_name(each.recorded.perturbation): each

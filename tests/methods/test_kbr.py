@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 import tvsysid as tv
-from tvsysid.methods.kbr.record import Record, kernel_over
+from tvsysid.methods.kbr.kernel import Kernel
+from tvsysid.methods.kbr.record import moments_of, runs_of
 
 # The paper's settings for its experiment (section 4.2).
 EXPERIMENT = tv.KernelRegression(length_periodic=np.exp(-1), length_decay=30.0, gamma=13.8)
@@ -81,8 +82,8 @@ def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(
 ):
     for duration in (40.0, 150.0):
         ensemble = ensemble_of(duration, profile, perturbation)
-        kernel = kernel_over(ensemble, 1.0, np.inf)
-        moments = Record.of([ensemble], kernel, (0.0, 20.0)).moments()
+        kernel = Kernel.of(ensemble, 1.0, np.inf)
+        moments = moments_of(runs_of([ensemble], kernel, (0.0, 20.0)), kernel)
         scale = tv.KernelRegression()._scale(moments, kernel.columns)
         assert scale == pytest.approx(DEGREE, rel=0.04)
         own, fixed = (

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.numerics.test_gaussian import moments_of, proper_problem
 
-from tvsysid.methods.kbr.fit import fit
+from tvsysid.methods.kbr.kbr import fit
 from tvsysid.numerics.gaussian import solve
 
 

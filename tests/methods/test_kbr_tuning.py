@@ -8,7 +8,7 @@ from benchmarks import plain
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.methods.kbr.record import kernel_over
+from tvsysid.methods.kbr.kernel import Kernel
 from tvsysid.methods.kbr.search import Likelihood
 from tvsysid.numerics.differentiation import differentiate
 
@@ -61,7 +61,7 @@ def dense_log_density(ensemble, theta, decay):
 @pytest.mark.parametrize("decay", [math.inf, 15.0])
 def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
     ensemble = ensemble_of(12.0, "sine", "noise")
-    likelihood = Likelihood.of(ensemble, kernel_over(ensemble, 0.05, decay), (0.0, 20.0), 1.0)
+    likelihood = Likelihood.of(ensemble, Kernel.of(ensemble, 0.05, decay), (0.0, 20.0), 1.0)
     one = np.log([0.3, 1600.0, 0.3, 3e-5, 0.15])
     other = np.log([0.1, 650.0, 3.0, 3e-4, 0.2])
     found = likelihood(one)[0] - likelihood(other)[0]

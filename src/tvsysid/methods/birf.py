@@ -22,6 +22,7 @@ from tvsysid.numerics.bases import (
     HaarWavelets,
     evaluate,
 )
+from tvsysid.numerics.gaussian import by_instruments
 from tvsysid.numerics.moments import expanded
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import one_of, positive
@@ -118,7 +119,17 @@ class BasisIRF(shared.ByReference):
         columns = self._columns(signals, self.basis, ensemble)
         posterior = self._posterior(signals, columns, ensemble)
         if self.reference is not None:
-            posterior = _instrumental(posterior, columns, ensemble, moved)
+            missing = base.missing_edge(shared.HALF_WIDTH, ensemble)
+            at = slice(missing, ensemble.samples - missing)
+            z, x = (each.derivatives()[:, :, at] for each in (moved, ensemble))
+            torque = ensemble.torque[:, ensemble.core][:, at]
+
+            def residual(mean: Array) -> float:
+                left = torque - np.einsum("ti,irt->rt", columns.weights(mean), x)
+                return float(np.vdot(left, left))
+
+            surplus = columns.gram(np.einsum("irt,jrt->tij", z, x - z))
+            posterior = by_instruments(posterior, surplus, residual, torque.size)
         weights = columns.weights(posterior.mean)
         readout, impedance = np.eye(3), weights
         if self.model == "irf":  # a second-order fit, weighted by the angle's mean correlations
@@ -299,31 +310,3 @@ class Columns(NamedTuple):
     def weights(self, coefficients: Array) -> Array:
         """Return the weight of each signal over time, shape (time, signal)."""
         return (self.factors * coefficients) @ np.eye(self.signal[-1] + 1)[self.signal]
-
-
-def _instrumental(
-    posterior: shared.FittedWeights, columns: Columns, ensemble: Ensemble, moved: Ensemble
-) -> shared.FittedWeights:
-    r"""Return the coefficients with instruments Z in the left factor.
-
-    They follow from their posterior m, C in a fit to the instruments alone:
-
-    .. math:: (Z^T X + s P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
-              M = (1 + C\, Z^T (X - Z) / s)^{-1}
-
-    whatever the prior P, with s the noise variance of that fit. The covariance is
-    :math:`\sigma^2 M C M^T / s`, with :math:`\sigma^2` from the residual of the measured angle.
-    Coefficients that the prior pruned stay 0.
-    """
-    missing = base.missing_edge(shared.HALF_WIDTH, ensemble)
-    at = slice(missing, ensemble.samples - missing)
-    z, x = (each.derivatives()[:, :, at] for each in (moved, ensemble))
-    gain = posterior.covariance / posterior.noise_variance
-    surplus = columns.gram(np.einsum("irt,jrt->tij", z, x - z))
-    transform = np.linalg.inv(np.eye(len(gain)) + gain @ surplus)
-    mean = transform @ posterior.mean
-    left = ensemble.torque[:, ensemble.core][:, at]
-    left = left - np.einsum("ti,irt->rt", columns.weights(mean), x)
-    noise = float(np.vdot(left, left)) / max(left.size - posterior.effective, 1.0)
-    covariance = noise * (transform @ gain @ transform.T)
-    return posterior._replace(mean=mean, covariance=covariance, noise_variance=noise)

@@ -202,6 +202,39 @@ def least_squares(moments: Moments) -> FittedWeights:
     return FittedWeights(mean, covariance * noise, noise, float(rank))
 
 
+def by_instruments(
+    fit: FittedWeights | Posterior,
+    surplus: Array,
+    residual: Callable[[Array], float],
+    number: float,
+) -> FittedWeights:
+    r"""Return weights of columns X that noise moves, too, with instruments Z in the left factor.
+
+    They follow from the ``fit`` to the instruments alone, with posterior mean m and covariance C:
+
+    .. math:: (Z^T X + s P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
+              M = (1 + C\, Z^T (X - Z) / s)^{-1}
+
+    whatever the prior P, with s the noise variance of that fit. The covariance is
+    :math:`\sigma^2 M C M^T / s`. Weights that the prior pruned stay 0.
+
+    Parameters
+    ----------
+    surplus
+        :math:`Z^T (X - Z)`, (column, column).
+    residual
+        Function that returns the sum of squares of y - X w.
+    number
+        Number of samples, for :math:`\sigma^2`.
+    """
+    gain = fit.covariance / fit.noise_variance
+    transform = np.linalg.inv(np.eye(len(gain)) + gain @ surplus)
+    mean = transform @ fit.mean
+    noise = residual(mean) / max(number - fit.effective, 1.0)
+    covariance = noise * (transform @ gain @ transform.T)
+    return FittedWeights(mean, covariance, noise, fit.effective, fit.log_evidence)
+
+
 def ridge(moments: Moments) -> FittedWeights:
     r"""Choose one prior precision for all weights by maximum evidence.
 

@@ -10,12 +10,18 @@ import numpy as np
 
 from tvsysid.methods import base, responses, shared
 from tvsysid.methods.kbr import search
-from tvsysid.methods.kbr.fit import fit
-from tvsysid.methods.kbr.kernel import ENDLESS, Kernel
-from tvsysid.methods.kbr.record import Record, clocks_of, kernel_over
+from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, clocks_of
+from tvsysid.methods.kbr.record import moments_of, runs_of, whitening
 from tvsysid.methods.tuning import Evidence
 from tvsysid.models import Diagnostics
-from tvsysid.numerics.gaussian import Moments
+from tvsysid.numerics.gaussian import (
+    SMALLEST_RESIDUAL,
+    FittedWeights,
+    Moments,
+    Posterior,
+    by_instruments,
+    solve,
+)
 from tvsysid.numerics.noise import power_in_band
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_number, one_of, optional, positive
@@ -27,6 +33,9 @@ DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 USUAL_MODULUS = 100.0
 # iterations of the residual weights; a third changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
+CONVERGED = 1e-5  # relative change of the noise variance at which iterations stop
+ITERATIONS = 50  # maximum number of noise variances tried
+INITIAL_NOISE = 1e-2  # initial noise variance, as a share of the torque's power
 # share of white noise's power in a band below which an autocorrelation is too coarse to tell it
 LEAST_POWER = 1e-3
 
@@ -152,18 +161,21 @@ class KernelRegression(shared.ByReference):
 
     def _fit(self, ensemble: Ensemble, moved: Ensemble) -> KernelModel:
         ensembles = [ensemble] if self.reference is None else [ensemble, moved]
-        kernel = kernel_over(ensemble, self.length_periodic, self.length_decay)
-        record = Record.of(ensembles, kernel, self.band)
-        moments = record.moments()
-        variances = self._variances(moments, kernel.columns)
+        kernel = Kernel.of(ensemble, self.length_periodic, self.length_decay)
+        runs = runs_of(ensembles, kernel, self.band)
+        moments = moments_of(runs, kernel)
+        scale = self._scale(moments, kernel.columns)
+        variances = np.broadcast_to(self.gamma, 3) * scale**2
         precision = np.outer(2 / variances, kernel.precision).ravel()
+        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         for remaining in range(reweighted, -1, -1):
             posterior = fit(moments, precision)
             each = impedance_over(ensemble, kernel, posterior.mean)
-            left, edge = residual_of(ensemble, each)
+            left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, each)
+            left = left[:, edge : ensemble.samples - edge]
             if remaining:
-                moments = record.moments(record.weights(left))
+                moments = moments_of(runs, kernel, whitening(runs, left))
         # Where the derivatives lack samples at the ends of every run, nothing was identified.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         impedance = each.mean(axis=0)
@@ -217,17 +229,9 @@ class KernelRegression(shared.ByReference):
         # The constant is the first column of a coefficient; the angle predicted from a reference
         # comes last.
         constants = moments.take(np.arange(0, len(moments.cross), columns)[-3:])
-        modulus = abs(
-            np.polynomial.polynomial.polyval(2j * np.pi, fit(constants, np.zeros(3)).mean)
-        )
-        # A torque that does not depend on the angle would give a scale of 0.
-        floor = 1e-6 * math.sqrt(constants.square / constants.gram[0, 0])
-        return DEGREE / USUAL_MODULUS * max(float(modulus), floor)
-
-    def _variances(self, moments: Moments, columns: int) -> Array:
-        """Return the prior variances of stiffness, viscosity and inertia about their means."""
-        scale = self._scale(moments, columns)
-        return np.broadcast_to(np.asarray(self.gamma, dtype=float), 3) * scale**2
+        impedance = fit(constants, np.zeros(3)).mean
+        modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
+        return DEGREE / USUAL_MODULUS * float(modulus)
 
     def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
         """Compare settings by marginal likelihood: l1 and gammas, then decays.
@@ -238,26 +242,55 @@ class KernelRegression(shared.ByReference):
         endless = attrs.evolve(self, weighting="white", length_decay=ENDLESS).fit(ensemble)
         noise = endless.diagnostics.details["noise_variance"]
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
-        kernel = kernel_over(ensemble, self.length_periodic, ENDLESS)
-        moments = Record.of([ensemble], kernel, self.band).moments()
+        kernel = Kernel.of(ensemble, self.length_periodic, ENDLESS)
+        moments = moments_of(runs_of([ensemble], kernel, self.band), kernel)
         scale = self._scale(moments, kernel.columns)
-        variances = self._variances(moments, kernel.columns)
+        variances = np.broadcast_to(self.gamma, 3) * scale**2
         theta = np.log([self.length_periodic, *variances, noise])
         given = search.Settings(self.length_decay, theta, "as given")
         tried = search.Search(ensemble, self.band, noise, share).tried(given)
         return search.evidence_of(tried, self, scale)
 
 
-def residual_of(ensemble: Ensemble, impedance: Array) -> tuple[Array, int]:
-    """Return the residual torque (realization, time), and the time at which it begins.
+def fit(moments: Moments, precision: Array) -> FittedWeights:
+    r"""Fit the weights under a prior precision (column,) and find the noise variance they leave.
 
-    The ``impedance`` has shape (realization, time, 3), with one realization if all have the same.
+    .. math:: y = X w + e, \qquad e \sim N(0, \sigma^2 I), \qquad w \sim N(0, P^{-1}), \qquad
+              \sigma^2 = \frac{\|\hat e\|^2}{N - N_{eff}}
+
+    At this fixed point the derivative of the evidence by the noise variance vanishes. The numbers
+    of y are the real and imaginary parts of spectra, and :math:`\sigma^2` is the variance of each:
+    half of that of the complex noise. The cost of equation 16 has no half before the priors, so
+    that a weight has half the variance of its kernel.
+
+    If the moments have twice as many columns as the prior, the second half are instruments
+    (:func:`tvsysid.numerics.gaussian.by_instruments`).
     """
-    if len(impedance) == 1:
-        return shared.second_order_residual(ensemble, impedance[0])
-    edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
-    left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, impedance)
-    return left[:, edge : ensemble.samples - edge], edge
+    own, power, x = moments, moments.square / moments.number, np.arange(len(precision))
+    has_instruments = len(moments.cross) > len(x)
+    if has_instruments:
+        z = x + len(x)
+        gram = np.tril(moments.gram) + np.tril(moments.gram, -1).T
+        own, surplus = moments.take(z), gram[np.ix_(z, x)] - gram[np.ix_(z, z)]
+
+    def residual(mean: Array) -> float:
+        explained = mean @ (2 * moments.cross[x] - gram[np.ix_(x, x)] @ mean)
+        return moments.square - float(explained)
+
+    noise = INITIAL_NOISE * power
+    found: Posterior | FittedWeights
+    for _ in range(ITERATIONS):
+        found = posterior = solve(own, precision, noise)
+        left = posterior.residual / max(own.number - posterior.effective, 1.0)
+        if has_instruments:
+            found = by_instruments(posterior, surplus, residual, own.number)
+            left = found.noise_variance
+        wanted = max(left, SMALLEST_RESIDUAL * power)
+        if abs(wanted - noise) <= CONVERGED * noise:
+            break
+        noise = wanted
+    covariance = noise / found.noise_variance * found.covariance
+    return FittedWeights(found.mean, covariance, noise, found.effective)
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)

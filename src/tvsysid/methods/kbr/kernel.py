@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import ive
 
 from tvsysid.errors import InputError
-from tvsysid.numerics import Array
+from tvsysid.signals import Array, Ensemble
 
 ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
 # decay, in lengths of the record, from which on the kernel is taken as strictly periodic
@@ -56,12 +56,15 @@ class Kernel:
     precision: Array
 
     @classmethod
-    def of(
-        cls, period: float, l1: float, l2: float, first: float, span: float, rate: float
-    ) -> Kernel:
-        """Choose the features that matter over a record of ``span`` s from its ``first`` time."""
+    def of(cls, ensemble: Ensemble, l1: float, l2: float) -> Kernel:
+        """Choose the features that matter over an ensemble's record.
+
+        The period is the duration of a realization.
+        """
+        clocks, period = clocks_of(ensemble), ensemble.duration
+        span = float(np.ptp(clocks)) + period
         # Harmonics beyond the Nyquist frequency would be aliases of slower ones.
-        variances = harmonic_variances(l1)[: max(1, math.ceil(period * rate / 2))]
+        variances = harmonic_variances(l1)[: max(1, math.ceil(ensemble.samples / 2))]
         if len(variances) * (1 + span / l2) > MAX_SIZE:
             raise InputError(
                 f"KernelRegression: a length_periodic of {l1:g} and a length_decay of {l2:g} s "
@@ -72,7 +75,7 @@ class Kernel:
         # enough.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
         if l2 < STRICT * span:
-            nodes, projection, shares = decay_features(first, span, l2)
+            nodes, projection, shares = decay_features(float(clocks.min()), span, l2)
             shares = np.insert(shares, 0, 0.0)
         matter = np.outer(variances, shares) > TOLERANCE
         matter[0, 0] = True
@@ -86,6 +89,11 @@ class Kernel:
     def columns(self) -> int:
         """Return the number of features of each coefficient."""
         return len(self.precision)
+
+    @property
+    def functions(self) -> int:
+        """Return the number of slow functions."""
+        return 1 + int(self.projection.shape[1])
 
     @property
     def highest(self) -> int:
@@ -112,6 +120,13 @@ class Kernel:
         place = np.maximum(0, 2 * self.harmonic - 1 + self.sine)
         periodic = self.periodic_features(phase)[..., place]
         return np.asarray(periodic * self.slow_features(clock)[..., self.slow])
+
+
+def clocks_of(ensemble: Ensemble) -> Array:
+    """Return the onset in s of each realization on one clock, with trials one after another."""
+    span = float(np.ptp(ensemble.onsets)) + ensemble.duration
+    _, number = np.unique(ensemble.trials, return_inverse=True)
+    return np.asarray(ensemble.onsets + number * span)
 
 
 def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:

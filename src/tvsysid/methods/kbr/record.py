@@ -14,7 +14,7 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
-from tvsysid.methods.kbr.kernel import Kernel
+from tvsysid.methods.kbr.kernel import Kernel, clocks_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
@@ -36,8 +36,7 @@ class Run:
     last the torque, which is multiplied by the first function only. ``known`` of the ``samples``
     have derivatives; the signals are 0 elsewhere. ``spectra`` (signal x function, frequency) have
     ``norm="ortho"``. They begin ``reach`` bins below the fitted ``bins``, and end as many above.
-    A run begins at ``start`` s of the trial and lasts ``periods`` realizations. The sampling
-    ``rate`` is in Hz.
+    A run begins at ``start`` s of the trial and lasts ``periods`` realizations.
     """
 
     spectra: ComplexArray
@@ -47,18 +46,16 @@ class Run:
     periods: int
     samples: int
     known: int
-    rate: float
 
     @classmethod
     def of(
         cls,
         ensembles: Sequence[Ensemble],
         realizations: NDArray[np.int64],
-        clock: float,
         kernel: Kernel,
         band: tuple[float, float],
     ) -> Run:
-        """Join realizations from a ``clock`` time on; a second ensemble is the instrument."""
+        """Join realizations; a second ensemble is the instrument. The ``band`` in Hz is fitted."""
         ensemble = ensembles[0]
         rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
         angles = [differentiate(joined(each, realizations), rate) for each in ensembles]
@@ -67,6 +64,7 @@ class Run:
         signals = np.zeros((3 * len(angles) + 1, samples))
         known = slice(lost, samples - lost)
         signals[:, known] = np.concatenate([*angles, torque[:, known]])
+        clock = clocks_of(ensemble)[realizations[0]]
         slow = kernel.slow_features(clock + np.arange(samples) / rate).T
         products = (signals[:-1, None] * slow).reshape(-1, samples)
         low, high = (frequency * samples / rate for frequency in band)
@@ -79,14 +77,7 @@ class Run:
         spectra = spectra[:, np.where(mirrored, samples - place, place)]
         np.conjugate(spectra, out=spectra, where=mirrored)
         start = float(ensemble.onsets[realizations[0]])
-        return cls(
-            spectra, bins, reach, start, len(realizations), samples, samples - 2 * lost, rate
-        )
-
-    @property
-    def frequency(self) -> Array:
-        """Return the frequencies in Hz of the bins."""
-        return np.arange(self.bins.start, self.bins.stop) * (self.rate / self.samples)
+        return cls(spectra, bins, reach, start, len(realizations), samples, samples - 2 * lost)
 
     def rows(self, kernel: Kernel) -> Iterator[tuple[slice, ComplexArray]]:
         """Yield slices of bins and their regressors (row, bin); the last row is the torque.
@@ -95,14 +86,15 @@ class Run:
         a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
         memory from growing with the record times the columns.
         """
-        functions, last = 1 + kernel.projection.shape[1], len(self.spectra) - 1
+        last = len(self.spectra) - 1
+        signals = last // kernel.functions
         # The torque is a signal times the first column, the constant.
-        source = np.append(np.arange(0, last, functions)[:, None] + kernel.slow, last)
-        shift = np.append(np.tile(kernel.harmonic * self.periods, last // functions), 0)
+        source = np.append(np.arange(0, last, kernel.functions)[:, None] + kernel.slow, last)
+        shift = np.append(np.tile(kernel.harmonic * self.periods, signals), 0)
         # A cosine is half of a turn and its conjugate; a sine is a quarter of a turn later.
         turn = np.exp(2j * np.pi * kernel.harmonic * self.start / kernel.period)
         turn *= np.where(kernel.sine == 0, 0.5, -0.5j)
-        turn = np.append(np.tile(turn, last // functions), 0.5)[:, None]
+        turn = np.append(np.tile(turn, signals), 0.5)[:, None]
         count = self.bins.stop - self.bins.start
         for low in range(0, count, BLOCK):
             high = min(low + BLOCK, count)
@@ -119,100 +111,73 @@ def external_terms(samples: int, known: int) -> ComplexArray:
     place = (np.arange(samples) + 0.5) / samples
     terms = np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place))
     terms[:, :lost] = terms[:, samples - lost :] = 0.0
-    spectra = np.asarray(rfft(terms, norm="ortho"))
-    spectra.flags.writeable = False
-    return spectra
+    return np.asarray(rfft(terms, norm="ortho"))
 
 
-@attrs.frozen(eq=False)
-class Record:
-    """Runs of a record, and the kernel whose features multiply its signals."""
+def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, float]) -> list[Run]:
+    """Divide an ensemble, and that of its instrument, into runs; the ``band`` in Hz is fitted.
 
-    runs: tuple[Run, ...]
-    kernel: Kernel
+    Raise InputError if the band has no data.
+    """
+    ensemble = ensembles[0]
+    lost = max(0, HALF_WIDTH - ensemble.context)
+    long = [each for each in ensemble.runs if len(each) * ensemble.samples > 2 * lost + 1]
+    runs = [Run.of(ensembles, each, kernel, band) for each in long]
+    if not any(run.bins.start < run.bins.stop for run in runs):
+        raise InputError(
+            f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
+            f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, "
+            f"within a band of {band[0]:g} to {band[1]:g} Hz; give context, longer realizations or "
+            "a lower band"
+        )
+    return runs
 
-    @classmethod
-    def of(
-        cls,
-        ensembles: Sequence[Ensemble],
-        kernel: Kernel,
-        band: tuple[float, float],
-    ) -> Record:
-        """Divide an ensemble, and that of its instrument, into runs; the ``band`` in Hz is fitted.
 
-        Raise InputError if the band has no data.
-        """
-        ensemble = ensembles[0]
-        lost = max(0, HALF_WIDTH - ensemble.context)
-        long = [each for each in ensemble.runs if len(each) * ensemble.samples > 2 * lost + 1]
-        clocks = clocks_of(ensemble)
-        runs = tuple(Run.of(ensembles, each, clocks[each[0]], kernel, band) for each in long)
-        if not any(len(run.frequency) for run in runs):
-            raise InputError(
-                f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples "
-                f"at {ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the "
-                f"derivatives, within a band of {band[0]:g} to {band[1]:g} Hz; give context, "
-                "longer realizations or a lower band"
-            )
-        return cls(runs, kernel)
+def moments_of(
+    runs: Sequence[Run], kernel: Kernel, weights: Sequence[Array] | None = None
+) -> Moments:
+    r"""Return sums over the band's frequencies of products of all regressors X and torque y.
 
-    def moments(self, weights: Sequence[Array] | None = None) -> Moments:
-        r"""Return sums over the band's frequencies of products of all regressors X and torque y.
+    Real and imaginary parts count separately. ``weights`` are those of the frequencies of each
+    run. The smooth external terms T of each run have no prior, and are projected out:
 
-        Real and imaginary parts count separately. ``weights`` are those of the frequencies of each
-        run. The smooth external terms T of each run have no prior, and are projected out:
+    .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
+    """
+    size = (len(runs[0].spectra) - 1) // kernel.functions * kernel.columns + 1
+    products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
+    for index, run in enumerate(runs):
+        terms = external_terms(run.samples, run.known)[:, run.bins]
+        if weights:
+            terms = terms * weights[index]
+        numbers = terms.view(np.float64)
+        powers, axes = np.linalg.eigh(numbers @ numbers.T)
+        kept = powers > MIN_POWER * run.samples
+        basis = axes[:, kept].T @ numbers / np.sqrt(powers[kept, None])
+        with_terms = np.zeros((len(basis), size))
+        for bins, rows in run.rows(kernel):
+            parts = (rows * weights[index][bins] if weights else rows).view(np.float64)
+            products = _added(products, 1.0, parts.T)
+            with_terms += basis[:, 2 * bins.start : 2 * bins.stop] @ parts.T
+        mixed.append(with_terms)
+        number += numbers.shape[1] * run.known / run.samples - len(basis)
+    return Moments.of(_added(products, -1.0, np.concatenate(mixed)), number)
 
-        .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
-        """
-        signals = (len(self.runs[0].spectra) - 1) // (1 + self.kernel.projection.shape[1])
-        size = signals * self.kernel.columns + 1
-        products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
-        for index, run in enumerate(self.runs):
-            weight = weights[index] if weights else np.ones(len(run.frequency))
-            terms = external_terms(run.samples, run.known)[:, run.bins] * weight
-            terms = terms.view(np.float64)
-            powers, axes = np.linalg.eigh(terms @ terms.T)
-            kept = powers > MIN_POWER * run.samples
-            basis = axes[:, kept].T @ terms / np.sqrt(powers[kept, None])
-            with_terms = np.zeros((len(basis), size))
-            for bins, rows in run.rows(self.kernel):
-                parts = (rows * weight[bins] if weights else rows).view(np.float64)
-                products = _added(products, 1.0, parts.T)
-                with_terms += basis[:, 2 * bins.start : 2 * bins.stop] @ parts.T
-            mixed.append(with_terms)
-            number += 2 * len(weight) * run.known / run.samples - len(basis)
-        return Moments.of(_added(products, -1.0, np.concatenate(mixed)), number)
 
-    def weights(self, residual: Array) -> list[Array]:
-        """Return weights of each run's frequencies that make a residual (realization, time) white.
+def whitening(runs: Sequence[Run], residual: Array) -> list[Array]:
+    """Return weights of each run's frequencies that make a residual (realization, time) white.
 
-        They are inverse to the root of its spectrum, whose mean is taken as 1.
-        """
-        correlation = autocorrelation(residual - residual.mean())
-        powers = [2 * rfft(correlation, run.samples)[run.bins].real - 1 for run in self.runs]
-        mean = np.mean(np.concatenate(powers))
-        return [np.sqrt(mean / each) for each in powers]
+    They are inverse to the root of its spectrum, whose mean is taken as 1.
+    """
+    correlation = autocorrelation(residual - residual.mean())
+    powers = [2 * rfft(correlation, run.samples)[run.bins].real - 1 for run in runs]
+    mean = np.mean(np.concatenate(powers))
+    return [np.sqrt(mean / each) for each in powers]
 
 
 def _added(products: Array, sign: float, numbers: Array) -> Array:
     """Add the products of columns (number, column) to the lower triangle of others, in place."""
     added = blas.dsyrk(sign, numbers, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
     return np.asarray(added)
-
-
-def kernel_over(ensemble: Ensemble, l1: float, l2: float) -> Kernel:
-    """Return the kernel of an ensemble, whose period is the duration of a realization."""
-    clocks = clocks_of(ensemble)
-    span = float(np.ptp(clocks)) + ensemble.duration
-    rate = ensemble.sampling_rate
-    return Kernel.of(ensemble.duration, l1, l2, float(clocks.min()), span, rate)
-
-
-def clocks_of(ensemble: Ensemble) -> Array:
-    """Return the onset in s of each realization on one clock, with trials one after another."""
-    span = float(np.ptp(ensemble.onsets)) + ensemble.duration
-    _, number = np.unique(ensemble.trials, return_inverse=True)
-    return np.asarray(ensemble.onsets + number * span)
 
 
 def joined(ensemble: Ensemble, realizations: NDArray[np.int64]) -> Array:

@@ -19,7 +19,7 @@ import scipy
 
 from tvsysid.errors import InputError
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, log_harmonic_variances
-from tvsysid.methods.kbr.record import Record, kernel_over
+from tvsysid.methods.kbr.record import moments_of, runs_of
 from tvsysid.methods.tuning import Evidence
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Array, Ensemble
@@ -82,7 +82,7 @@ class Likelihood:
 
         ``share`` is the effective fraction of independent samples.
         """
-        return cls(Record.of([ensemble], kernel, band).moments().times(share), kernel)
+        return cls(moments_of(runs_of([ensemble], kernel, band), kernel).times(share), kernel)
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Return the restricted log likelihood and its derivatives."""
@@ -146,7 +146,7 @@ class Search:
     def tried(self, given: Settings) -> list[Settings]:
         """Return all settings that are tried: those given, each l1 without decay, and decays."""
         # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
-        kernel = kernel_over(self.ensemble, LENGTHS[0], ENDLESS)
+        kernel = Kernel.of(self.ensemble, LENGTHS[0], ENDLESS)
         strict = Likelihood.of(self.ensemble, kernel, self.band, self.share)
         powers = strict.moments.gram.diagonal()[:: kernel.columns] / strict.moments.number
         # Each coefficient makes a torque 1000 times the noise.
@@ -176,7 +176,7 @@ class Search:
     def _likelihood(self, start: Settings) -> Likelihood | None:
         """Return the likelihood of the features for settings; None if they are too many."""
         try:
-            kernel = kernel_over(self.ensemble, math.exp(start.theta[0]), start.decay)
+            kernel = Kernel.of(self.ensemble, math.exp(start.theta[0]), start.decay)
         except InputError:
             return None
         if 3 * kernel.columns > MAX_COEFFICIENTS:

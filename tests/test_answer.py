@@ -138,8 +138,7 @@ def test_the_spread_weighs_methods_by_the_torque_that_they_leave_unpredicted(ens
     models = {name: with_stiffness(model, value) for name, value in values.items()}
     vaf = {"own": 90.0, "near": 90.0, "far": 60.0, "unknown": math.nan}
     spread = model_spread(ensemble, methods, models, "own", vaf)
-    expected = 1.96 * math.sqrt((2.0**2 + 20.0**2 / 4) / 2.25)
-    np.testing.assert_allclose(spread, expected)
+    np.testing.assert_allclose(spread, 1.96 * math.sqrt(1 / 5) * 20.0)
     alone = model_spread(ensemble, methods, {"own": models["own"]}, "own", vaf)
     assert np.isnan(alone).all()
 

@@ -46,7 +46,6 @@ IMPEDANCE_COLUMNS = {  # name and format of each column, by heading
     "method": "method",
     "mean": "stiffness (N·m/rad):.1f",
     "±\n95 %": "half_band (N·m/rad):.1f",
-    "±\nmethods": "between:.1f",
     "lowest": "lowest (N·m/rad):.1f",
     "at\n(s)": "lowest at (s):.2f",
     "highest": "highest (N·m/rad):.1f",
@@ -275,7 +274,6 @@ def _show_impedance(comparison: Comparison) -> None:
     say("\n  ".join(answer.lines))
     table = comparison.summary()
     table["held out"] = table.method.map(answer.vaf)
-    table["between"] = table.method.map({answer.label: answer.difference})
     title = "stiffness with its band and extremes (N·m/rad), inertia (kg·m²), VAF (%)"
     validity = "" if answer.is_stated else "not valid: "
     show_table(validity + title, table.to_dict("records"), IMPEDANCE_COLUMNS)

@@ -33,8 +33,9 @@ def compare(
     methods
         Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or methods.
         ``"published"`` is the five of van de Ruit et al. (2021), ``"all"`` every method. By
-        default ``adaptive``, which is recommended, and another to check it: ``sds``, or
-        ``cascade`` where ``adaptive`` finds a reflex or cannot identify the ensemble.
+        default ``adaptive``, which is recommended, and others to check it: ``sds``, ``cascade`` and
+        ``sdss`` where ``adaptive`` finds a reflex, ``cascade`` where it cannot identify the
+        ensemble.
     tune
         Whether each method's settings are chosen from the data first.
     progress
@@ -78,7 +79,7 @@ def compare(
     failed: dict[str, str] = {}
     with single_thread():
         for number, (label, method) in enumerate(queue or _usual(models)):
-            progress(number, len(queue) or 2)
+            progress(number, len(queue) or 3)
             chosen[label] = method
             try:
                 if reason := reason_to_skip(method, ensemble):
@@ -98,8 +99,11 @@ def compare(
 
 
 def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:
-    """Yield ``adaptive``, and then, by what it found, the method that checks it."""
+    """Yield ``adaptive``, and then, by what it found, the methods that check it."""
     yield "adaptive", parse("adaptive")
     found = models.get("adaptive")
-    key = "cascade" if found is None or "reflex_gain" in found.estimates else "sds"
-    yield key, parse(key)
+    checks = ["cascade"] if found is None else ["sds"]
+    if found is not None and "reflex_gain" in found.estimates:
+        checks = ["cascade", "sdss"]
+    for key in checks:
+        yield key, parse(key)

@@ -207,13 +207,15 @@ def model_spread(
 ) -> Array:
     r"""Return how far methods differ from one of them in N·m/rad, shape (time,).
 
-    .. math:: s(t) = 1.96 \sqrt{\frac{\sum_m w_m (K_m(t) - K(t))^2}{\sum_m w_m}},
+    .. math:: s(t) = 1.96 \max_m \sqrt{\frac{w_m}{w_m + w}} \, |K_m(t) - K(t)|,
               \quad w_m = \frac{1}{100 - VAF_m}
 
-    Here, :math:`K` is the stiffness by the method ``label``. A method weighs more if it predicts
-    more of the held-out torque. If the method ``label`` finds a reflex, its reflex torque is
-    subtracted before methods with one pathway identify the stiffness. NaN where fewer than two
-    methods have an estimate.
+    Here, :math:`K` is the stiffness by the method ``label``, and :math:`w` its weight. A method
+    weighs more if it predicts more of the held-out torque. The stiffness of a method that takes the
+    joint as constant is compared with the mean of :math:`K`. If the method ``label`` finds a
+    reflex, its reflex torque is subtracted before methods with one pathway identify the stiffness.
+    The spread is never less than the half width of the stiffness's 95 % band, since a smaller
+    difference is noise. NaN where no other method has an estimate.
     """
     own, without_reflex = models[label], ensemble
     pathways = own.pathways(ensemble) if is_reflex_detected(own) else {}
@@ -221,21 +223,23 @@ def model_spread(
         torque = ensemble.torque.copy()
         torque[:, ensemble.core] -= np.nan_to_num(pathways["reflex"])
         without_reflex = attrs.evolve(ensemble, torque=torque)
-    squares, weights = [], []
+    unexplained = {name: max(100 - vaf[name], 1e-9) for name in models}
+    spread = np.full(len(own.time), np.nan)
     for name, model in models.items():
         stiffness = model.stiffness
+        if name == label or math.isnan(vaf[name]):
+            continue
         if "reflex" in pathways and has_one_pathway(methods[name], model):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DataQualityWarning)
                 stiffness = methods[name].identify(without_reflex).stiffness
         difference = stiffness - own.stiffness
-        is_known = np.isfinite(difference) & math.isfinite(vaf[name])
-        squares.append(np.where(is_known, difference, 0.0) ** 2)
-        weights.append(np.where(is_known, 1 / max(100 - vaf[name], 1e-9), 0.0))
-    total = np.where(np.count_nonzero(weights, axis=0) > 1, np.sum(weights, axis=0), np.nan)
-    return np.asarray(
-        CRITICAL_VALUE * np.sqrt(np.sum(np.multiply(weights, squares), axis=0) / total)
-    )
+        if np.ptp(stiffness) == 0:
+            difference = np.full(len(difference), mean_of(difference))
+        share = unexplained[label] / (unexplained[label] + unexplained[name])
+        spread = np.fmax(spread, CRITICAL_VALUE * math.sqrt(share) * abs(difference))
+    lower, upper = own.limits("stiffness")
+    return np.asarray(np.maximum(spread, np.nan_to_num(upper - lower) / 2))
 
 
 def judge_trust(

@@ -14,8 +14,8 @@ from tvsysid.methods.cascade import columns as fitted
 from tvsysid.methods.cascade.columns import (
     Data,
     deviations,
+    filtered,
     intrinsic_filters,
-    intrinsic_signals,
     muscle,
     second_order_fit,
 )
@@ -45,7 +45,7 @@ def fit_of(random):
     """Function that fits a small problem whose velocity is known."""
     angle = np.cumsum(random.normal(size=(30, TIMES + HISTORY + LAGS)), axis=1) / 20
     velocity = np.gradient(angle, axis=1)[:, :-LAGS] * 20
-    signals = deviations(intrinsic_signals(angle, LAGS, RATE)[..., HISTORY:-LAGS])
+    signals = deviations(filtered(angle, intrinsic_filters(LAGS, RATE))[..., HISTORY:-LAGS])
     bases = [FourierSeries(count)(np.arange(TIMES) / TIMES) for count in (2, 1, *[0] * 7)]
     torque = deviations(30 * signals[0] + random.normal(size=signals.shape[1:]))
 

@@ -90,13 +90,12 @@ def deviations(values: Array) -> Array:
     return np.where(known, values - mean, 0.0)
 
 
-def intrinsic_signals(angle: Array, lags: int, rate: float) -> Array:
-    """Return angle, derivatives and differences (signal, realization, time) of an angle.
+def filtered(values: Array, filters: Array) -> Array:
+    """Return values (realization, time) behind filters (filter, lag), about each sample.
 
-    They are wrong where fewer than ``lags`` samples precede or follow.
+    They are wrong where a filter reaches beyond the samples.
     """
-    filters = intrinsic_filters(lags, rate)[:, ::-1]
-    return np.stack([correlate1d(angle, weights) for weights in filters])
+    return np.stack([correlate1d(values, weights) for weights in filters[:, ::-1]])
 
 
 def unresolved(recorded: Array, lags: int, rate: float) -> Array:
@@ -111,10 +110,10 @@ def unresolved(recorded: Array, lags: int, rate: float) -> Array:
     out = np.zeros((2, *recorded.shape[:2]))
     if ratio > 1:
         angle = recorded.reshape(len(recorded), -1)
-        slow = intrinsic_signals(keep_every(angle, ratio), lags, rate)[1:3]
-        weights = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:, ::-1]
-        weights = weights * (rate * ratio) ** np.array([[1], [2]])
-        fast = np.stack([keep_every(correlate1d(angle, each), ratio) for each in weights])
+        slow = filtered(keep_every(angle, ratio), intrinsic_filters(lags, rate)[1:3])
+        filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
+        filters = filters * (rate * ratio) ** np.array([[1], [2]])
+        fast = np.stack([keep_every(each, ratio) for each in filtered(angle, filters)])
         reach = max(lags, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
         out[..., reach:-reach] = (fast - slow)[..., reach:-reach]
     return out
@@ -152,7 +151,7 @@ class Explicit(NamedTuple):
 
 
 class Modulated(NamedTuple):
-    """Columns: a signal times functions of time, behind a muscle.
+    """Columns: a signal times functions of time, if need be behind a muscle.
 
     The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
     column), the ``muscle`` and the ``weighted`` muscle (time, history + time). Products are sums
@@ -161,7 +160,7 @@ class Modulated(NamedTuple):
 
     signal: Array
     functions: Array
-    muscle: Array
+    muscle: Array | None
     weighted: Array
 
 
@@ -175,12 +174,12 @@ def product(one: Columns, other: Columns, rows: slice) -> Array:
             return product(other, one, rows).T
         return np.tensordot(one.values[:, rows], other.weighted[:, rows], ((1, 2), (1, 2)))
     if isinstance(one, Explicit):
-        early = one.weighted[:, rows] @ other.muscle
+        early = one.weighted[:, rows]
+        early = early if other.muscle is None else early @ other.muscle
         sums = np.einsum("crt,rt->ct", early, other.signal[rows])
     else:
-        sums = one.signal[rows].T @ other.signal[rows]
-        sums *= one.muscle.T @ other.weighted
-        sums = one.functions.T @ sums
+        weights = other.weighted if one.muscle is None else one.muscle.T @ other.weighted
+        sums = one.functions.T @ (one.signal[rows].T @ other.signal[rows] * weights)
     return np.asarray(sums @ other.functions)
 
 
@@ -218,7 +217,7 @@ class Data:
     def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int], lags: int) -> Data:
         """Return the realizations and times with most samples whose past is recorded."""
         rate = ensemble.sampling_rate
-        signals = intrinsic_signals(ensemble.angle, lags, rate)
+        signals = filtered(ensemble.angle, intrinsic_filters(lags, rate))
         signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
         edge = missing_edge(lags, ensemble)
         last = ensemble.samples - edge
@@ -301,23 +300,27 @@ class Data:
         """Return columns from their values (column, realization, time)."""
         return Explicit(values, self.weighted(values))
 
-    def modulated(self, signal: Array, functions: Array, response: Array) -> Columns:
+    def modulated(self, signal: Array, functions: Array, response: Array | None = None) -> Columns:
         """Return a signal (realization, history + time) times functions, behind a response.
 
         The functions have shape (history + time, column). A single column, and those of long
         realizations, are computed.
         """
-        times = self.torque.shape[1]
+        times, muscle = self.torque.shape[1], None
         if functions.shape[1] == 1 or times > MAX_SUMMED:
-            return self.explicit(convolved(signal * functions.T[:, None], response)[..., -times:])
-        muscle = convolution_matrix(response, len(functions))[: len(functions)][-times:]
-        return Modulated(signal, functions, muscle, self.weighted(muscle.T).T)
+            values = signal * functions.T[:, None]
+            values = values if response is None else convolved(values, response)
+            return self.explicit(values[..., -times:])
+        if response is not None:
+            muscle = convolution_matrix(response, len(functions))[: len(functions)][-times:]
+        weighted = self.weighted(np.eye(times) if muscle is None else muscle.T).T
+        return Modulated(signal, functions, muscle, weighted)
 
     @cached_property
     def columns(self) -> list[Columns]:
         """Return torque and intrinsic columns. Those after velocity are constant."""
         bases = np.split(self.functions[self.times], self.starts[1:3], axis=1)
-        changing = (self.modulated(self.signals[n], bases[n], np.ones(1)) for n in range(2))
+        changing = map(self.modulated, self.signals[:2], bases)
         return [self.explicit(self.torque[None]), *changing, self.explicit(self.signals[2:])]
 
     @cached_property
@@ -326,10 +329,11 @@ class Data:
 
         @cache
         def products(fold: int) -> Array:
-            rows = self.folds[fold]
-            return np.block(
-                [[product(one, other, rows) for other in self.columns] for one in self.columns]
-            )
+            columns, rows = self.columns, self.folds[fold]
+            found = product(columns[0], columns[0], rows)
+            for number in range(1, len(columns)):
+                found = extended(found, columns[:number], columns[number], rows)
+            return found
 
         return products
 

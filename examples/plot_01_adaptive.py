@@ -9,8 +9,8 @@ import tvsysid as tv
 
 # %%
 # A joint whose stiffness switches between 50 and 150 N·m/rad, perturbed for 40 s: 20 realizations
-# of 2 s, sampled at
-# 1000 Hz and decimated to 100 Hz. A recording of yours comes from :func:`tvsysid.read_recording`.
+# of 2 s at 1000 Hz, decimated to 100 Hz. Read your own recording by
+# :func:`tvsysid.read_recording`.
 
 joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
 simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
@@ -18,7 +18,7 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# There is nothing to choose. ``switches`` says when stiffness jumps, by how much, and how probable
+# There are no settings. ``switches`` says when stiffness jumps, by how much, and how probable
 # that is.
 
 model = tv.AdaptiveRegression().identify(ensemble)
@@ -27,8 +27,7 @@ for switch in model.switches:
     print(f"{switch.time:.3f} s: {switch.size:+.0f} N·m/rad, probability {switch.probability:.2f}")
 
 # %%
-# The band counts how unsure the speed of change and the times of the switches are, beside the
-# noise. The truth is
+# The band covers noise, and the uncertainty of how fast and when stiffness changes. The truth is
 # dashed.
 
 figure = model.plot()

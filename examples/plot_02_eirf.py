@@ -2,7 +2,7 @@
 Each time by itself: eirf
 =========================
 
-``eirf`` assumes nothing of how a joint changes, and pays for it: it needs many realizations.
+``eirf`` assumes nothing about how a joint changes. So it needs many realizations.
 """
 
 import tvsysid as tv
@@ -13,10 +13,9 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# At each time, an impulse response with lags from -0.12 to 0.12 s is fitted across 75 realizations:
-# 25 unknowns from
-# 75 equations. Its area is the stiffness. Shorter lags, where the joint answers at once, leave less
-# to chance.
+# At each time, an impulse response with lags from -0.12 to 0.12 s is fitted across 75
+# realizations: 25 unknowns from 75 equations. Its area is the stiffness. If the joint responds at
+# once, shorter lags give a smaller random error.
 
 wide = tv.EnsembleIRF().identify(ensemble)
 short = tv.EnsembleIRF(max_lag=0.04).identify(ensemble)
@@ -25,7 +24,7 @@ for name, model in (("0.12 s", wide), ("0.04 s", short)):
     print(f"lags of {name}: error {((model.stiffness - truth) ** 2).mean() ** 0.5:.1f} N·m/rad")
 
 # %%
-# The switches (dashed: true) come out as steep as they are, between noisy levels.
+# The switches are as steep as the true ones (dashed), between noisy levels.
 
 figure = short.plot()
 figure.axes[0].plot(ensemble.time, truth, "k--")

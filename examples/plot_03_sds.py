@@ -2,8 +2,8 @@
 A short window: sds
 ===================
 
-``sds`` takes the joint as constant over a window. A longer one means less noise, but it follows
-a change less well.
+``sds`` assumes a constant joint over a window. A longer window means less noise, but follows a
+change less well.
 """
 
 from matplotlib.figure import Figure
@@ -16,8 +16,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# A switch takes 80 % of the window to rise. No band shows that: it counts noise, not what the
-# window smooths.
+# A switch takes 80 % of the window to rise. The band covers noise. It does not cover smoothing by
+# the window.
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()

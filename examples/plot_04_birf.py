@@ -2,8 +2,8 @@
 A few basis functions: birf
 ===========================
 
-``birf`` takes the change over time as a sum of basis functions. Where they suit the movement,
-little data is enough.
+``birf`` takes stiffness as a sum of basis functions of time. If they suit the movement, few data
+are enough.
 """
 
 from matplotlib.figure import Figure
@@ -16,9 +16,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# Ten B-splines are the default. A Fourier series suits a movement that repeats without a pause;
-# sparse regression puts
-# coefficients that are not needed to zero.
+# Ten B-splines are the default. A Fourier series suits a movement that repeats without a pause.
+# Sparse regression sets unnecessary coefficients to zero.
 
 bases = {"10 B-splines": tv.CubicBSplines(10), "Fourier series": tv.FourierSeries(9)}
 truth = simulation.truth_of(ensemble)["stiffness"][0]

@@ -2,7 +2,7 @@
 Spectra of short segments: esm
 ==============================
 
-``esm`` gives the joint's frequency response at each time; its value at 0 Hz is the stiffness.
+``esm`` gives the frequency response of the joint at each time. Its value at 0 Hz is the stiffness.
 """
 
 import numpy as np
@@ -17,15 +17,14 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# With ``stiffness="fit"`` the stiffness comes from a fit of second order to the segments' spectra
-# instead of the value
-# at 0 Hz, which leaks: that is less biased.
+# With ``stiffness="fit"`` the stiffness comes from a second-order fit to the spectra. That has
+# less bias than the value at 0 Hz, which suffers from leakage.
 
 model = tv.EnsembleSpectral(stiffness="fit").identify(ensemble)
 
 # %%
-# The response where the joint is softest (dashed) and where it is stiffest, with the true joint's
-# (wide, grey).
+# The response where the joint is softest (dashed) and where it is stiffest. The true responses
+# are wide and grey.
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()

@@ -2,7 +2,7 @@
 Smooth and nearly periodic: kbr
 ===============================
 
-``kbr`` says by a kernel how alike stiffness is at two times. It needs few realizations: here five.
+In ``kbr`` a kernel is the covariance of stiffness at two times. Few realizations suffice: five.
 """
 
 import tvsysid as tv
@@ -13,8 +13,7 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.segment(recording, period=2.0)
 
 # %%
-# The default settings are those of the paper. ``tuned`` finds settings that the data make most
-# probable.
+# The default settings are those of the paper. ``tuned`` finds the most probable settings.
 
 truth = simulation.truth_of(ensemble)["stiffness"][0]
 method = tv.KernelRegression()

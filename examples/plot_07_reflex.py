@@ -2,7 +2,7 @@
 A joint with a reflex
 =====================
 
-Methods of one pathway take a stretch reflex for stiffness. ``cascade`` fits both pathways at once.
+Methods with one pathway include a stretch reflex in the stiffness. ``cascade`` fits both pathways.
 """
 
 from matplotlib.figure import Figure
@@ -13,17 +13,17 @@ joint = tv.simulate.ReflexJoint(
     stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4)
 )
 simulation = joint.simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=7)
-# Keeps the angle as it was recorded, too
+# This also keeps the angle as it was recorded.
 recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# First see whether there is one.
+# First see whether there is a reflex.
 
 print(tv.quality.find_reflex(ensemble))
 
 # %%
-# Then separate it: the torque of each pathway, and its gain, are part of the model.
+# Then separate it. The model has the torque of each pathway, and the reflex gain.
 
 found = tv.compare(ensemble, ["cascade", "sds"])
 truth = simulation.truth_of(ensemble)

@@ -21,7 +21,7 @@ ensemble = tv.preprocess.subtract_mean(
 )
 
 # %%
-# The recorded disturbance predicts the part of the angle in which the noise has no part.
+# The part of the angle that the recorded disturbance predicts does not depend on the noise.
 
 methods = {
     "angle taken as imposed": tv.KernelRegression(),

@@ -2,7 +2,7 @@
 A joint that follows a measured variable
 ========================================
 
-Nothing repeats, but what the joint follows was recorded: its own slow movement. One record is
+Nothing repeats, but stiffness depends on a recorded variable: the slow movement. One record is
 enough.
 """
 
@@ -21,8 +21,8 @@ simulation = joint.simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_d
 ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=None)
 
 # %%
-# ``lpv`` takes stiffness as a polynomial in the variable. Its order is the one that predicts data
-# left out best.
+# ``lpv`` takes stiffness as a polynomial in the variable, with the order that best predicts held-
+# out data.
 
 model = tv.ScheduledIRF(variable="ankle").identify(ensemble)
 print(model.diagnostics.details["order"])

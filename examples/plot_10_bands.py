@@ -2,8 +2,8 @@
 How sure is it?
 ===============
 
-A band says what noise does to an estimate; a bootstrap over realizations counts what differs
-between them as well.
+A band covers measurement noise. A bootstrap over realizations also covers differences between
+realizations.
 """
 
 from matplotlib.figure import Figure
@@ -16,9 +16,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# The pointwise band holds the truth at 95 % of the times; the simultaneous one at all times
-# together in 95 % of
-# experiments. The bootstrap serves any method, your own included.
+# The pointwise band contains the truth at 95 % of the times. The simultaneous band contains all
+# of it in 95 % of experiments. The bootstrap works with any method, your own included.
 
 method = tv.ShortDataSegments()
 model = method.identify(ensemble)

@@ -3,7 +3,7 @@ Settings from the data
 ======================
 
 A basis or a kernel can be far too coarse, and the estimate does not show it. ``birf`` and ``kbr``
-choose their own.
+can choose their settings from the data.
 """
 
 import tvsysid as tv
@@ -26,6 +26,6 @@ for name, each in (("before", method), ("after", tuned)):
     print(f"{name}: error {error:.1f} N·m/rad")
 
 # %%
-# What was tried, and how well each did.
+# The settings that were tried, with the score of each.
 
 figure = evidence.plot()

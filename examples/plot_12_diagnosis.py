@@ -2,7 +2,7 @@
 What is wrong with a recording?
 ===============================
 
-A diagnosis looks for 32 faults before you believe a stiffness. Here two are planted.
+A diagnosis looks for 32 faults. Here we add two.
 """
 
 import attrs
@@ -14,7 +14,7 @@ joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
 simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=12)
 
 # %%
-# The torque is 4 ms late, as an unequal filter makes it, and the amplifier clips it at two standard
+# The torque is 4 ms late, as after an unequal filter, and the amplifier clips it at two standard
 # deviations.
 
 torque = np.roll(simulation.recording.torque, 4)
@@ -23,9 +23,8 @@ recording = attrs.evolve(
 )
 
 # %%
-# Diagnose at the recorded rate: decimation hides some faults. Each finding says what it does to the
-# result, and what
-# to do.
+# Diagnose at the recorded rate: decimation hides some faults. Each finding says how it changes
+# the result, and what to do.
 
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 diagnosis = tv.diagnose(ensemble)

@@ -2,7 +2,7 @@
 Compare methods on your data
 ============================
 
-Six methods on one ensemble: where they agree, you can believe them; where they differ, ask why.
+Several methods identify one ensemble. Where they differ, ask why.
 """
 
 import tvsysid as tv
@@ -13,9 +13,8 @@ recording = tv.preprocess.decimate(simulation.recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 
 # %%
-# ``adaptive`` comes first: it is recommended. The VAF is of the data that were identified, so it is
-# no reason to
-# prefer a method with many parameters.
+# The recommended method, ``adaptive``, comes first. This VAF is of the data that were identified.
+# It is no reason to prefer a method with many parameters.
 
 comparison = tv.compare(ensemble)
 columns = ["method", "stiffness (N·m/rad)", "half_band (N·m/rad)", "VAF (%)"]

@@ -12,7 +12,7 @@ import numpy as np
 import tvsysid as tv
 
 # %%
-# Inertia, viscosity and stiffness are constant over a window that slides over time.
+# Inertia, viscosity and stiffness are constant over a sliding window.
 
 
 @attrs.frozen
@@ -46,6 +46,6 @@ for label, model in comparison.models.items():
     print(f"{label}: error {((model.stiffness - truth) ** 2).mean() ** 0.5:.1f} N·m/rad")
 
 # %%
-# :func:`tvsysid.check_method` then says whether it does what a method must.
+# :func:`tvsysid.check_method` then checks it.
 
 figure = comparison.plot()

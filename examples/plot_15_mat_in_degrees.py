@@ -2,8 +2,8 @@
 A MAT file in degrees, with drift
 =================================
 
-A recording as people have it: degrees, torque of the opposite sign, an offset that drifts, a
-column for each trial.
+A typical recording: degrees, torque of the opposite sign, an offset that drifts, a column for
+each trial.
 """
 
 import tempfile
@@ -17,8 +17,7 @@ from scipy.signal import detrend
 import tvsysid as tv
 
 # %%
-# First the file: three trials at 1000 Hz, 15 cycles of 2 s each. Of a real one you would know its
-# channels, no more.
+# First the file: three trials at 1000 Hz, with 15 cycles of 2 s each.
 
 joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
 perturbation = tv.simulate.PRBS()
@@ -35,21 +34,21 @@ for name, channel in tv.recordings.describe_file(file).items():
     print(name, channel.shape)
 
 # %%
-# Say what it is: unit, sign, that columns are trials, and that the first cycle begins a second
-# after the first sample.
+# Say what the file holds: unit, sign, that columns are trials, and that the first cycle begins a
+# second after the first sample.
 
 reading = {"angle_unit": "deg", "torque_sign": -1, "columns": "trials", "start": -1.0}
 recording = tv.read_recording(file, angle="pos_deg", torque="tq", sampling_rate=1000, **reading)
 print(recording)
 
 # %%
-# Is anything wrong?
+# Look for faults.
 
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
 print(tv.diagnose(ensemble))
 
 # %%
-# The drift is; a line is subtracted from each trial, as the finding says.
+# The torque drifts. As the finding says, subtract a line from each trial.
 
 trials = recording.torque.reshape(3, -1)
 recording = attrs.evolve(recording, torque=detrend(trials).ravel())

@@ -2,8 +2,8 @@
 A reflex, with EMG
 ==================
 
-A recording as people have it: a slow voluntary torque, a stretch reflex, and EMG of the
-stretched muscle in mV.
+A typical recording: a slow voluntary torque, a stretch reflex, and EMG of the stretched muscle in
+mV.
 """
 
 import attrs
@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 import tvsysid as tv
 
 # %%
-# 100 s at 1000 Hz of a joint whose reflex varies over the cycle, with slow noise as of a voluntary
-# torque.
+# 100 s at 1000 Hz of a joint whose reflex varies over the cycle, with slow noise like that of a
+# voluntary torque.
 
 joint = tv.simulate.ReflexJoint(
     stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(10, 5), noise_bandwidth=1.0
@@ -24,9 +24,8 @@ emg = 0.02 * simulation.recording.channels["emg"]  # mV
 recording = attrs.evolve(simulation.recording, channels={"EMG_SOL": emg})
 
 # %%
-# ``cascade`` predicts the reflex from the stretch, or from EMG: the method says which channel. EMG
-# is noisy; where the
-# stretch predicts the reflex, as here, it is the better input.
+# ``cascade`` predicts the reflex from the stretch or from EMG. EMG is noisy: if the stretch
+# predicts the reflex, as here, it is the better input.
 
 recording = tv.preprocess.decimate(recording, 100)
 ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
@@ -37,7 +36,7 @@ for label, model in comparison.models.items():
     print(f"{label}: stiffness {model.stiffness.mean():.0f} N·m/rad, error {error:.1f}")
 
 # %%
-# How much of the torque each pathway has, at each time.
+# The share of the torque of each pathway over time.
 
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()

@@ -2,16 +2,14 @@
 A person who follows a target
 =============================
 
-A recording as people have it: nobody hits a target on time, every time. So realizations are
-aligned, outliers excluded.
+Nobody follows a target exactly. So realizations are aligned and outliers excluded.
 """
 
 import tvsysid as tv
 
 # %%
-# Ten trials of 70 s at 1024 Hz of a virtual participant, with the torque to be followed. A file of
-# yours is read with
-# ``channels={"target": "its name"}``.
+# Ten trials of 70 s at 1024 Hz of a virtual participant, with the target torque. Read your own
+# file with ``channels={"target": "its name"}``.
 
 simulation = tv.simulate.Participant(1).simulate(perturbation=tv.simulate.FilteredNoise())
 print(simulation.recording)
@@ -30,9 +28,8 @@ print(table.excluded_by.replace("", "kept").value_counts().to_string())
 figure = tv.figures.preparation_steps(preparation, "Participant 1, filtered noise")
 
 # %%
-# The alignment costs stiffness, because the answer to the perturbation moves the best fit too. So
-# identify the
-# survivors once more without their shifts.
+# Alignment lowers the stiffness, because the best shift also follows the response to the
+# perturbation. So identify the kept realizations once more without their shifts.
 
 unshifted = tv.preprocess.subtract_mean(preparation.recorded.select(preparation.kept))
 for name, ensemble in (("aligned", preparation.ensemble), ("as recorded", unshifted)):

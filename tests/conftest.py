@@ -3,10 +3,7 @@
 import gc
 import os
 import shlex
-import shutil
-import signal
 import sys
-import tempfile
 import time
 from functools import cache
 from pathlib import Path
@@ -21,23 +18,9 @@ from threadpoolctl import threadpool_limits
 import tvsysid as tv
 from tvsysid.models import IMPEDANCE
 
-# Small matrices: threads would only wait for each other, in this process (which has loaded SciPy's
-# BLAS by now) and in
-# those that tests start.
+# Small matrices: threads would only wait for each other, here and in processes that tests start.
 threadpool_limits(1)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-# What tests start finds its modules compiled, also where nobody else may keep them so.
-sys.dont_write_bytecode = False
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-
-# Studies write thousands of small files, each synchronized with its disk: less work where files
-# live in memory.
-MEMORY = "/dev/shm"
-if os.access(MEMORY, os.W_OK) and shutil.disk_usage(MEMORY).free > 2 * 2**30:
-    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", MEMORY)
-    os.environ.setdefault("TMPDIR", MEMORY)
-    tempfile.tempdir = None  # it may have been asked for already
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
@@ -45,9 +28,7 @@ settings.load_profile("repeatable")
 
 def pytest_collection_finish():
     """Freeze what is loaded: repeated garbage collection takes a tenth of the tests' time."""
-    given(none())(
-        lambda _: None
-    )()  # Hypothesis 6.100 looks for what refers to its random numbers, once
+    given(none())(lambda _: None)()  # Hypothesis looks once for what refers to its random numbers
     gc.collect()
     gc.freeze()
     gc.set_threshold(10_000)
@@ -63,6 +44,7 @@ def ensemble_of(
     context: float = 0.5,
     period: float = 2.0,
 ) -> tv.Ensemble:
+    """Return a simulated ensemble at 100 Hz, made once for each set of arguments."""
     simulation = tv.simulate.Joint(stiffness=tv.simulate.PROFILES[profile]).simulate(
         duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
     )
@@ -74,11 +56,6 @@ def standard_errors_of(model):
     return np.stack([model.estimates[name].standard_error.values for name in IMPEDANCE])
 
 
-def freedom_of(model):
-    """Degrees of freedom of the standard errors, shape (3, time)."""
-    return np.stack([model.estimates[name].standard_error.freedom for name in IMPEDANCE])
-
-
 def wait_for(condition, seconds=300.0):
     """Until it is true, as of a process that somebody started or ended."""
     ends = time.monotonic() + seconds
@@ -87,26 +64,9 @@ def wait_for(condition, seconds=300.0):
         time.sleep(0.01)
 
 
-@pytest.fixture(name="ensemble_of")
-def ensemble_of_fixture():
-    """Simulated ensemble at 100 Hz; made once for each set of arguments."""
-    return ensemble_of
-
-
-@pytest.fixture(autouse=True)
-def _signals():
-    """The command line handles SIGTERM, here in the tests' own process."""
-    kept = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, kept)
-
-
 @pytest.fixture
 def tvsysid(monkeypatch, capsys, tmp_path):
-    """Run the command line in this process, in a folder of its own.
-
-    Takes words, or all of them in one text. Returns exit code, output and errors.
-    """
+    """Run words, or one text, as a command in a new folder. Return exit code, output and errors."""
     from tvsysid import cli
     from tvsysid.cli.console import errors, output
 
@@ -114,7 +74,7 @@ def tvsysid(monkeypatch, capsys, tmp_path):
     # An installed command has no current folder in its path
     monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
     monkeypatch.setenv("COLUMNS", "200")
-    for console in (output, errors):  # made before, they have read another width
+    for console in (output, errors):
         monkeypatch.setattr(console, "width", 200)
 
     def command(*words):
@@ -140,8 +100,8 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given, **_: None)
 
 
-@cache
-def _empty_figure():
+@pytest.fixture(scope="session")
+def empty_figures():
     from matplotlib.figure import Figure
 
     from tvsysid.figures.saving import drawn
@@ -150,22 +110,10 @@ def _empty_figure():
 
 
 @pytest.fixture
-def sketched(monkeypatch):
-    """Each file of a figure is that of an empty one: other tests look at what is in them."""
-    from tvsysid.figures import saving
-
-    empty = _empty_figure()
-    monkeypatch.setattr(saving, "drawn", lambda figure, format: empty[format])
-
-
-@pytest.fixture(scope="module")
-def brief_cases():
-    """Halve the joints that `check_method` simulates: as much is expected, of fewer data."""
-    from tvsysid import check
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(check, "DURATION_S", check.DURATION_S / 2)
-        yield
+def sketched(monkeypatch, empty_figures):
+    """Write empty figures: other tests look at what is in them."""
+    drawn = "tvsysid.figures.saving.drawn"
+    monkeypatch.setattr(drawn, lambda figure, ending: empty_figures[ending])
 
 
 @pytest.fixture
@@ -173,26 +121,21 @@ def random():
     return np.random.default_rng(12345)
 
 
-def _shared(name: str) -> Path:
-    if name == "data" and "TVSYSID_DATA" in os.environ:
-        return Path(os.environ["TVSYSID_DATA"])
-    return Path(__file__).parents[2] / "shared" / name
+SHARED = Path(__file__).parents[2] / "shared"
 
 
 @pytest.fixture(scope="session")
 def recordings_folder() -> Path:
-    folder = _shared("data")
+    folder = Path(os.environ.get("TVSYSID_DATA", SHARED / "data"))
     if not (folder / "tonic_ankle.mat").exists():
         pytest.skip(f"real recordings are not at {folder}; set TVSYSID_DATA to where they are")
     return folder
 
 
 def _reference(name: str) -> dict[str, np.ndarray]:
-    file = _shared("oracle") / name
-    if not file.exists():
+    if not (file := SHARED / "oracle" / name).exists():
         pytest.skip(f"reference outputs are not at {file}")
-    with np.load(file, allow_pickle=False) as arrays:
-        return dict(arrays)
+    return dict(np.load(file, allow_pickle=False))
 
 
 @pytest.fixture(scope="session")

@@ -55,6 +55,16 @@ def parametrize(*names):
     )
 
 
+@pytest.fixture(scope="module")
+def brief_cases():
+    """Halve the joints that `check_method` simulates: as much is expected, of fewer data."""
+    from tvsysid import check
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(check, "DURATION_S", check.DURATION_S / 2)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _ignore_warnings():
     with warnings.catch_warnings():

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
-from tests.conftest import ensemble_of, freedom_of, standard_errors_of
+from tests.conftest import ensemble_of, standard_errors_of
 
 import tvsysid as tv
 from tvsysid.methods.shared import residuals, solve_windows
+from tvsysid.models import IMPEDANCE
 from tvsysid.numerics.differentiation import differentiate
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.spectra import hann
@@ -27,6 +28,11 @@ TRIALS = 24
 
 
 pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
+
+
+def freedom_of(model):
+    """Degrees of freedom of the standard errors, shape (3, time)."""
+    return np.stack([model.estimates[name].standard_error.freedom for name in IMPEDANCE])
 
 
 def lagged(ensemble, time, lags):

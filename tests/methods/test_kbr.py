@@ -1,6 +1,7 @@
 import attrs
 import numpy as np
 import pytest
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.methods.kbr.kernel import Kernel
@@ -11,7 +12,7 @@ EXPERIMENT = tv.KernelRegression(length_periodic=np.exp(-1), length_decay=30.0, 
 
 
 @pytest.mark.slow
-def test_gaps_are_gaps(ensemble_of):
+def test_gaps_are_gaps():
     ensemble = ensemble_of(60.0, "sine", "noise", 30.0)
     truth = tv.simulate.SineWave()(ensemble.time)
     for kept in (np.arange(30) % 5 != 2, np.arange(30) % 2 == 0):
@@ -38,7 +39,7 @@ def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
     assert np.sqrt(np.mean((strict.stiffness - truth) ** 2)) > 5
 
 
-def test_offset_and_drift_of_the_torque_go_to_the_external_term(ensemble_of):
+def test_offset_and_drift_of_the_torque_go_to_the_external_term():
     ensemble = ensemble_of(40.0, "sine", "noise", 20.0)
     clock = ensemble.onsets[:, None] + np.arange(ensemble.angle.shape[1]) / 100
     drifting = attrs.evolve(ensemble, torque=ensemble.torque + 2 * np.cos(np.pi * clock / 40))
@@ -64,7 +65,7 @@ def test_prediction_is_at_the_phase_of_each_realization(decay):
 
 
 @pytest.mark.parametrize("context", [0.0, 0.05])
-def test_realizations_without_context_lose_only_the_ends_of_a_run(ensemble_of, context):
+def test_realizations_without_context_lose_only_the_ends_of_a_run(context):
     whole = ensemble_of(40.0, "sine", "noise", 30.0)
     short = ensemble_of(40.0, "sine", "noise", 30.0, context=context)
     one, other = (tv.KernelRegression().identify(each) for each in (whole, short))
@@ -77,9 +78,7 @@ DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
 
 @pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 @pytest.mark.parametrize("profile", ["square", "sine"])
-def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(
-    ensemble_of, profile, perturbation
-):
+def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(profile, perturbation):
     for duration in (40.0, 150.0):
         ensemble = ensemble_of(duration, profile, perturbation)
         kernel = Kernel.of(ensemble, 1.0, np.inf)
@@ -99,14 +98,14 @@ def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(
         ({"length_decay": 1e-9}, 100.0),
     ],
 )
-def test_kernels_that_would_fill_the_memory_are_refused(ensemble_of, settings, rate):
+def test_kernels_that_would_fill_the_memory_are_refused(settings, rate):
     ensemble = ensemble_of(40.0)
     ensemble = attrs.evolve(ensemble, sampling_rate=rate, onsets=ensemble.onsets * 100 / rate)
     with pytest.raises(tv.InputError, match="need too many features of each coefficient"):
         tv.KernelRegression(**settings).identify(ensemble)
 
 
-def test_one_gamma_is_three_alike(ensemble_of):
+def test_one_gamma_is_three_alike():
     ensemble = ensemble_of(20.0, "sine", "noise")
     one, three = (
         tv.KernelRegression(gamma=gamma).identify(ensemble) for gamma in (2.0, (2.0, 2.0, 2.0))
@@ -118,7 +117,7 @@ def test_one_gamma_is_three_alike(ensemble_of):
         tv.KernelRegression(gamma=(1.0, 2.0))
 
 
-def test_two_realizations_leave_no_noise_to_find_settings_by(ensemble_of):
+def test_two_realizations_leave_no_noise_to_find_settings_by():
     two = tv.preprocess.subtract_mean(ensemble_of(40.0, "sine", "noise").select([0, 1]))
     with pytest.raises(tv.InputError, match=r"explained without any noise; give more realizations"):
         tv.KernelRegression().tuned(two)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from benchmarks import plain
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.numerics.bases import evaluate
@@ -23,7 +24,7 @@ def agree(found, expected, tolerance):
 
 @contexts
 @pytest.mark.parametrize("perturbation", ["noise", pytest.param("prbs", marks=pytest.mark.slow)])
-def test_impulse_responses(ensemble_of, perturbation, context):
+def test_impulse_responses(perturbation, context):
     ensemble = ensemble_of(150.0, "square", perturbation, context=context)
     data = ensemble.angle, ensemble.torque, ensemble.context, 12
     agree(tv.EnsembleIRF().identify(ensemble).impulse_response, plain.eirf(*data, rate=100.0), 1e-8)
@@ -36,14 +37,14 @@ def test_impulse_responses(ensemble_of, perturbation, context):
 
 @contexts
 @pytest.mark.parametrize("length", [30, 31])
-def test_frequency_response(ensemble_of, context, length):
+def test_frequency_response(context, length):
     ensemble = ensemble_of(60.0, "square", "prbs", context=context)
     found = tv.EnsembleSpectral(window=length / 100).identify(ensemble).frequency_response
     agree(found, plain.esm(ensemble.angle, ensemble.torque, ensemble.context, length), 1e-9)
 
 
 @perturbations
-def test_parametric_regression(ensemble_of, perturbation):
+def test_parametric_regression(perturbation):
     ensemble = ensemble_of(60.0, "square", perturbation)
     reach = slice(ensemble.context - HALF_WIDTH, ensemble.context + 200 + HALF_WIDTH)
     signals = differentiate(ensemble.angle[:, reach], 100.0)
@@ -98,9 +99,7 @@ def mean_over_realizations(values):
         ),
     ],
 )
-def test_low_rank_kernel_regression_equals_the_dense_one(
-    ensemble_of, monkeypatch, perturbation, method, l2
-):
+def test_low_rank_kernel_regression_equals_the_dense_one(monkeypatch, perturbation, method, l2):
     ensemble = ensemble_of(12.0, "square", perturbation)
     # As it comes: within a few thousandths of N·m/rad.
     model, dense = kernel_solutions(ensemble, method, l2)

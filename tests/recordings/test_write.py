@@ -2,6 +2,7 @@ import attrs
 import numpy as np
 import pytest
 import xarray as xr
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.recordings import (
@@ -26,7 +27,7 @@ def test_a_simulation_is_read_back(tmp_path, random, ending):
     assert [item.name for item in file.parent.iterdir()] == [file.name]
 
 
-def test_models_are_read_back(tmp_path, ensemble_of):
+def test_models_are_read_back(tmp_path):
     ensemble = ensemble_of(duration=20.0)
     models = {key: tv.methods.parse(key).identify(ensemble) for key in ("esm", "birf")}
     about = {"file": "\udce9.mat", "delay": 0.5}

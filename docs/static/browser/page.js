@@ -134,7 +134,7 @@ function begin() {
 
 /** Why code cannot run here, if it cannot. */
 function hindrance() {
-  if (!here.dataset.pyodide) return "This copy of the documentation was built without Python for browsers: take the code to a Python of your own, or build the site with it (CONTRIBUTING says how, under “The site”).";
+  if (!here.dataset.pyodide) return "This copy of the documentation was built without Python for browsers: take the code to a Python of your own, or build the site with it (CONTRIBUTING.md says how).";
   if (location.protocol === "file:") return "A browser runs Python only on pages that a server gives: in the site's folder, type “python -m http.server” and open http://localhost:8000/browser.html.";
   if (!globalThis.WebAssembly || !globalThis.Worker) return "This browser has no WebAssembly: take the code to a Python of your own.";
   return "";

@@ -17,7 +17,7 @@ from tests.methods.free_estimates import estimate_of
 import tvsysid as tv
 from tvsysid.methods.adaptive import averaging, evidence, prior, regression, search
 from tvsysid.methods.adaptive.model import MixtureError, Switch, describe_changes
-from tvsysid.methods.adaptive.signals import Signals
+from tvsysid.methods.adaptive.regression import Signals
 from tvsysid.numerics.differentiation import differentiate
 
 METHOD = tv.AdaptiveRegression()

@@ -81,13 +81,3 @@ def test_two_switches_that_are_close_are_both_listed(random):
     rows = switches_of("stiffness", averaging.average(estimate), 0, 1.0)
     times = [row.time for row in rows if row.probability > 0.5]
     assert times == pytest.approx([20.3, 22.6], abs=0.4)
-
-
-@pytest.mark.slow
-def test_viscosity_switches_where_stiffness_does_if_that_explains_it(random):
-    found, other = (averaging.average(estimate_of(random, True)[0]), estimate_of(random, True)[0])
-    beside = averaging.average(other, (), found)
-    tied = found.models[0].positions
-    assert beside.models[0].positions == pytest.approx(tied)
-    alone = max(each.evidence for each in averaging.plausible(other))
-    assert beside.models[0].evidence > alone + 1  # no position had to be found

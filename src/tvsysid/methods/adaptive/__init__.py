@@ -2,7 +2,7 @@
 
 The method in ``adaptive`` takes four steps:
 
-1. ``signals`` and ``regression`` estimate stiffness at each time by itself, by weighted least
+1. ``regression`` estimates stiffness at each time by itself, by weighted least
    squares over realizations, with the covariance of its error. From here on there are no
    realizations, only this curve and its error.
 2. ``prior`` lists the models: a constant plus a smooth part of some size and length, plus

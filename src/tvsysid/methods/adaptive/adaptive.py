@@ -8,24 +8,20 @@ import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
+from tvsysid.errors import InputError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage, average
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
-from tvsysid.methods.adaptive.regression import A, FreeEstimates, V, pooling_reach
+from tvsysid.methods.adaptive.regression import A, FreeEstimates, Signals, V, pooling_reach
 from tvsysid.methods.adaptive.search import CurveModel
-from tvsysid.methods.adaptive.signals import (
-    MIN_REALIZATIONS,
-    MIN_SAMPLES,
-    Signals,
-    select_reflex,
-)
 from tvsysid.methods.cascade.cascade import JointCascade, contradicted
-from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.signals import Ensemble
 
-MAX_SAMPLES = 3000  # of a realization
+MIN_REALIZATIONS = 4
+MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # of a realization that have derivatives
 MAX_ROUNDS = 2  # of stiffness beside a viscosity that changes
 
 Hypotheses = Mapping[str, Sequence[Hypothesis]]  # by quantity
@@ -194,10 +190,26 @@ class AdaptiveRegression(base.Method):
             if selection is not None:
                 break
             viscosity = free.viscosity(stiffness.mixture)
-            found["viscosity"] = average(viscosity, known.get("viscosity", ()), stiffness)
+            found["viscosity"] = average(viscosity, known.get("viscosity", ()))
             if found["viscosity"].probability(CurveModel.is_constant) > 0.5:
                 break
         return model_of(repr(self), free, found)
+
+
+def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
+    """Return the fit with a reflex if held-out realizations show one, else None.
+
+    A channel of EMG may drive the reflex.
+    """
+    if len(ensemble) < MIN_TESTED_REALIZATIONS:
+        return None
+    try:
+        if emg is None and not reflex_test_of(ensemble).shown:
+            return None
+        selection = JointCascade(emg=emg).search(ensemble).select()
+    except InputError:  # realizations are too short
+        return None
+    return selection if selection.shown else None
 
 
 def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) -> AdaptiveModel:

@@ -171,36 +171,30 @@ class ModelAverage:
         return arc_length(features, block_diag(np.eye(len(smooth.mean)), best.covariance[0]))
 
     def parameters(self) -> float:
-        """Return the best model's effective number of parameters, and of switch times."""
-        smooth, best = self.models[0].smooth, self.over_time[0]
-        white = smooth.estimate.whitener @ best.shapes[0]
-        sizes = float(np.sum(white @ best.covariance[0] * white))
-        return smooth.posterior.effective + sizes + len(self.models[0].positions)
+        """Return the best model's effective number of parameters: switches have size and time."""
+        best = self.models[0]
+        return best.smooth.posterior.effective + 2 * len(best.positions)
 
 
-def average(
-    estimate: FreeEstimate, known: Sequence[Hypothesis] = (), other: ModelAverage | None = None
-) -> ModelAverage:
+def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAverage:
     """Average all plausible models of a free estimate, weighted by their evidence.
 
-    If there are ``known`` hypotheses, only these are averaged. The switches of the best model
-    of an ``other`` posterior have a prior probability of 1/2.
+    If there are ``known`` hypotheses, only these are averaged.
 
     A low-pass filter before sampling smears a step, and so do realizations that switch at different
     times. If there are steps, each smear is tried. The usual low-pass filter has a prior
     probability of 1/2. The best other smear is averaged with it unless the data exclude it.
     """
-    if known or other:
-        tied = None if other is None else other.models[0]
-        estimate = estimate.on(tied.smooth.estimate.axis if tied else known[0].axis)
-        return ModelAverage.of(plausible(estimate, known=known, tied=tied))
+    if known:
+        estimate = attrs.evolve(estimate, axis=known[0].axis)
+        return ModelAverage.of(plausible(estimate, [each.prior for each in known], known))
     models = plausible(estimate)
     found = ModelAverage.of(models)
     best, usual = found.models[0], estimate.axis
     if found.probability(lambda each: not len(each.positions)) > 0.5:
         return found
     smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
-    smeared = [estimate.on(axis) for axis in (*smears, usual)]
+    smeared = [attrs.evolve(estimate, axis=axis) for axis in (*smears, usual)]
     fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
     *totals, total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
     log_prior = -math.log(len(smears))
@@ -216,24 +210,16 @@ def plausible(
     estimate: FreeEstimate,
     priors: Sequence[SmoothPrior] = (),
     known: Sequence[Hypothesis] = (),
-    tied: CurveModel | None = None,
 ) -> list[CurveModel]:
     """Return all plausible models, with steps smeared as the estimate's axis says.
 
-    Search for sets of switches, unless there are ``known`` hypotheses. ``priors`` are those of the
-    smooth part, by default all. ``tied`` is a model of another estimate, whose switches are
-    tried, too. If a constant has clearly more evidence than these and the first models, no
-    switches are searched for.
+    ``priors`` are those of the smooth part, by default all. Search for sets of switches, unless
+    there are ``known`` hypotheses with these priors, or a constant has clearly more evidence than
+    any first model.
     """
-    priors = priors or [each.prior for each in known]
-    fits = {
-        each.variances.tobytes(): SmoothFit(estimate, each)
-        for each in priors or smooth_priors(estimate.axis)
-    }
-    smooths, others = list(fits.values()), list[CurveModel]()
-    if tied and len(tied.positions):  # positions are given: remove their penalty
-        volume = len(tied.positions) * math.log(estimate.axis.times) + math.log(0.5)
-        others = [tied._replace(log_volume=volume)]
+    given = {each.variances.tobytes(): each for each in priors or smooth_priors(estimate.axis)}
+    fits = {key: SmoothFit(estimate, prior) for key, prior in given.items()}
+    smooths = list(fits.values())
     if known:  # of hypotheses with the same switches, the most probable counts
         sets = {each.positions.tobytes(): each for each in reversed(known)}.values()
         proposals = [
@@ -242,10 +228,9 @@ def plausible(
     else:
         grid = Grid(estimate)
         first = [first_model(smooth, grid) for smooth in smooths]
-        if tied and not len(first[0].positions):
-            evidence = [each.evidence for each in weighed(smooths, others)]
-            if max(evidence + [each.score for each in first[1:]]) < first[0].score - 1:
-                return weighed(smooths, first[:1])
+        clear = all(each.score < first[0].score - 1 for each in first[1:])
+        if clear and not len(first[0].positions):
+            return weighed(smooths, first[:1])
         proposals = propose_switches(first, grid)
     refined = [each.refined() for each in proposals]
     found = distinct(each for one in refined for each in (one, one.without_doubles()))
@@ -254,7 +239,7 @@ def plausible(
         for best in {not len(each.positions): each for each in models}.values():
             sums = few_harmonics(estimate, best.positions)
             smooths += [SmoothFit(estimate, prior) for prior in sums]
-    return weighed(smooths, [*found, *others])
+    return weighed(smooths, found)
 
 
 def distinct(sets: Iterable[CurveModel]) -> list[CurveModel]:

@@ -15,11 +15,12 @@ the evidence decides how fast stiffness may change.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache, cached_property
 from operator import attrgetter
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,26 +73,32 @@ class Steps(NamedTuple):
         return np.asarray(self.columns.T @ other.columns - self.explained.T @ other.explained)
 
 
+@attrs.frozen(eq=False)
 class FreeEstimate:
     """Estimate at each time of an axis, in units of its mean ``size``.
 
-    ``whitener`` (time, time) makes its error white, with unit variance. ``features`` (time,
-    feature) are those of the smooth part. ``white`` are these and the values, whitened, and
-    ``moments`` their moments. ``window`` returns the steps about a sample, calculated once.
+    ``whitener`` (time, time) makes its error white, with unit variance.
     """
 
-    def __init__(self, axis: Axis, values: Array, whitener: Array, size: float) -> None:
-        self.axis, self.values, self.whitener, self.size = axis, values, whitener, size
-        self.features = fourier_features(axis)
-        self.white = whitener @ np.column_stack([self.features, values])
-        self.moments = Moments.of(self.white.T @ self.white, len(values))
-        self.window = cache(self._window)
+    axis: Axis
+    values: Array
+    whitener: Array
+    size: float
 
-    def on(self, axis: Axis) -> FreeEstimate:
-        """Return the estimate on another axis."""
-        if axis == self.axis:
-            return self
-        return FreeEstimate(axis, self.values, self.whitener, self.size)
+    @cached_property
+    def features(self) -> Array:
+        """Features of the smooth part, shape (time, feature)."""
+        return fourier_features(self.axis)
+
+    @cached_property
+    def white(self) -> Array:
+        """Features and values, whitened."""
+        return self.whitener @ np.column_stack([self.features, self.values])
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Moments of the whitened features and values."""
+        return Moments.of(self.white.T @ self.white, len(self.values))
 
     def with_misfit(self) -> FreeEstimate:
         """Return the estimate with errors scaled up to explain the residual of a smooth part.
@@ -101,7 +108,7 @@ class FreeEstimate:
         smooths = (SmoothFit(self, prior) for prior in smooth_priors(self.axis))
         left = max(smooths, key=attrgetter("score")).posterior
         misfit = max(left.residual / (left.number - left.effective), 1.0)
-        return FreeEstimate(self.axis, self.values, self.whitener / math.sqrt(misfit), self.size)
+        return attrs.evolve(self, whitener=self.whitener / math.sqrt(misfit))
 
     def steps(self, positions: Array) -> Steps:
         """Return steps at positions, with their products."""
@@ -110,13 +117,19 @@ class FreeEstimate:
         none, power = np.zeros((0, len(positions))), np.sum(columns**2, axis=0)
         return Steps(positions, columns, products[:-1], none, power, products[-1])
 
-    def _window(self, centre: int, spacing: float, reach: float) -> Steps:
-        """Return steps with a spacing up to a distance from a sample."""
-        axis, count = self.axis, round(reach / spacing)
-        positions = centre + spacing * np.arange(-count, count + 1.0)
-        if axis.periodic:
-            return self.steps(np.mod(positions, axis.times))
-        return self.steps(positions[(positions > 0) & (positions <= axis.times - 1)])
+    @cached_property
+    def window(self) -> Callable[[int, float, float], Steps]:
+        """Function that returns steps with a spacing up to a distance from a sample."""
+
+        @cache
+        def steps(centre: int, spacing: float, reach: float) -> Steps:
+            axis, count = self.axis, round(reach / spacing)
+            positions = centre + spacing * np.arange(-count, count + 1.0)
+            if axis.periodic:
+                return self.steps(np.mod(positions, axis.times))
+            return self.steps(positions[(positions > 0) & (positions <= axis.times - 1)])
+
+        return steps
 
 
 class SmoothFit:
@@ -147,10 +160,6 @@ class SmoothFit:
     def steps(self, positions: Array) -> Steps:
         """Return what the smooth part leaves of steps at positions."""
         return self.beside(self.estimate.steps(positions))
-
-    def window(self, centre: int, spacing: float, reach: float) -> Steps:
-        """Return what the smooth part leaves of the steps about a sample."""
-        return self.beside(self.estimate.window(centre, spacing, reach))
 
     def beside(self, steps: Steps) -> Steps:
         """Return what the smooth part leaves of steps."""

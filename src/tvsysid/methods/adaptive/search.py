@@ -15,15 +15,14 @@ from scipy.special import softmax
 from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, column_evidence
 from tvsysid.numerics import Array
 
-# positions that are tried at most
-MAX_POSITIONS = 400  # of one more switch
-MAX_FIRST = 200  # of the first switch
+MAX_POSITIONS = 400  # of one more switch that are tried
+MAX_JOINT_POSITIONS = 200  # of several switches that are tried together
 FIRST_SIZE = 0.2  # standard deviation of the first switch, in mean sizes
 MAX_GAIN = 50.0  # largest gain in log evidence that is expected of one more switch
 MAX_SWITCHES = 20  # from which the search adds none
-SLACK = 5.0  # loss of log evidence against the best set up to which a proposal is kept
+SLACK = 5.0  # loss of log evidence against the best set up to which a set is returned
 MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
-REACH = 12.0  # loss of log evidence against the best set up to which the search returns a set
+REACH = 12.0  # gain in log evidence beyond the first one that is expected of a second switch
 MAX_SETS = 8  # number of sets that the search returns
 SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and after it
 SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
@@ -79,7 +78,7 @@ class CurveModel(NamedTuple):
             before = own.positions
             for position in before:  # the first switch is moved, and becomes the last
                 others = own.take(slice(1, None))
-                window = smooth.window(round(position), spacing, reach)
+                window = smooth.beside(smooth.estimate.window(round(position), spacing, reach))
                 scores = smooth.scores_with(others, window)[size_prior]
                 best = int(np.argmax(scores))
                 own = others.joined(window.take(slice(best, best + 1)))
@@ -118,13 +117,12 @@ class Grid:
         spacing = max(0.5, times / MAX_POSITIONS)
         first = 0 if estimate.axis.periodic else 1  # a step before the first sample is none
         self.steps = estimate.steps(np.arange(first, int(times / spacing), dtype=float) * spacing)
-        self.first = self.steps.take(slice(None, None, -(-len(self.steps.positions) // MAX_FIRST)))
         self.window = SEARCHED, SEARCH_REACH * max(1.0, spacing)
 
 
 def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
     """Return the better of no switch and the best single one beside a smooth part."""
-    steps = smooth.beside(grid.first)
+    steps = smooth.beside(grid.steps)
     evidence = column_evidence(steps.power, steps.cross, FIRST_SIZE**2)
     score = smooth.score + evidence.max() - math.log(smooth.estimate.axis.times)
     if score <= smooth.score:
@@ -155,7 +153,7 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     times, periodic = estimate.axis.times, estimate.axis.periodic
     cut = round(first[0]) if periodic and len(first) else 0
     precision = np.sum(estimate.whitener**2, axis=0)
-    edges = np.append(np.arange(0, times, -(-times // MAX_FIRST)), times)
+    edges = np.append(np.arange(0, times, -(-times // MAX_JOINT_POSITIONS)), times)
     sums = np.cumsum(np.roll([precision, precision * estimate.values], -cut, axis=1), axis=1)
     sums = np.pad(sums, ((0, 0), (1, 0)))[:, edges]
     power, cross = sums[:, :, None] - sums[:, None]  # from an edge before to an edge
@@ -192,21 +190,19 @@ def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel
             break
         before = max(able, key=BY_SCORE)
         after = best_step(before, grid)
-        if after.score > best - SLACK:
-            found.append(after)
+        found.append(after)
         still_open[before.smooth] = after
         gains[before.smooth] = after.score - before.score
         if after.score <= before.score:
             ended.add(before.positions.tobytes())
             del still_open[before.smooth]
-    best, empty = max(map(BY_SCORE, found)), CurveModel(first[0].smooth, np.zeros(0))
+    empty = CurveModel(first[0].smooth, np.zeros(0))
     joint = [
         empty._replace(positions=positions, score=empty.score_at(positions))
         for positions in joint_update(empty.smooth.estimate, first[0].positions)
     ]
-    joint = [each.refined(*grid.window) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
-    found += [each for each in joint if each.score > best - SLACK]
-    best = max(map(BY_SCORE, found))
+    found += [each.refined(*grid.window) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
     best_of = {each.positions.tobytes(): each for each in sorted(found, key=BY_SCORE)}
-    sets = [each for at, each in best_of.items() if at and each.score > best - REACH]
+    best = max(map(BY_SCORE, found))
+    sets = [each for at, each in best_of.items() if at and each.score > best - SLACK]
     return [*nlargest(MAX_SETS, sets, key=BY_SCORE), empty]

@@ -18,12 +18,12 @@ from tvsysid.recommendation.answer import (
     judge_trust,
     model_spread,
 )
-from tvsysid.recommendation.method import Measured
+from tvsysid.recommendation.method import DataProperties
 
 SUITS = Recommendation(("adaptive",), "the movement repeats")
 NONE_SUITS = attrs.evolve(SUITS, suited=(), why="the torque is too weak. Perturb more")
-SLOW = attrs.evolve(SUITS, measured=Measured(slow_noise=12.0))
-BIASED = attrs.evolve(SUITS, measured=Measured(slow_noise=12.0, noise_bias=26.0))
+SLOW = attrs.evolve(SUITS, measured=DataProperties(slow_noise=12.0))
+BIASED = attrs.evolve(SUITS, measured=DataProperties(slow_noise=12.0, noise_bias=26.0))
 BY_REFERENCE = tv.BasisIRF(reference="cmd")
 
 

@@ -4,7 +4,7 @@ import pytest
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.recommendation.method import RULES, Measured
+from tvsysid.recommendation.method import RULES, DataProperties
 
 SOUND = {"realizations": 20, "information": 200.0}
 LPVKBI = "lpvkbi:variable={scheduling}"
@@ -30,7 +30,7 @@ CASES = [
 
 
 def rule_for(differences):
-    measured = Measured(**SOUND | differences)
+    measured = DataProperties(**SOUND | differences)
     return next(rule for rule in RULES if rule.holds(measured))
 
 

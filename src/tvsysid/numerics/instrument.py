@@ -18,7 +18,10 @@ from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments, ridge, solve
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, window_moments
 
-EARLY, LATE = 0.04, 0.30  # s that the reference may come after the angle, and before it
+MAX_AFTER_S, MAX_BEFORE_S = (
+    0.04,
+    0.30,
+)  # s that the reference may come after the angle, and before it
 HARMONICS = 4
 FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
 MIN_VARIANCE = 1e-3  # of that prior's variance, however long the lag
@@ -29,7 +32,7 @@ HARDLY_MOVED = 0.1
 
 def lag_samples(rate: float) -> tuple[int, int]:
     """Return the numbers of samples that the reference is needed after and before the angle."""
-    return round(EARLY * rate), round(LATE * rate)
+    return round(MAX_AFTER_S * rate), round(MAX_BEFORE_S * rate)
 
 
 def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from tvsysid.quality.statistics import TINY
 from tvsysid.recordings.read import MAX_ANGLE_RMS_RAD
 from tvsysid.signals import Array
 
-SURE = 5.0  # standard errors from which on a value's sign is sure
+SIGNIFICANT_ERRORS = 5.0  # standard errors from which on a value's sign is sure
 MIDDLE_FREQUENCY_HZ, MIN_FREQUENCY_HZ = math.sqrt(40), 1.0  # natural frequencies of joints
 MAX_INERTIA = 1.0  # kg·m², more than that of an arm or a lower leg
 
@@ -60,7 +60,7 @@ def reversed_torque(data: FittedEnsemble) -> Measured:
     """Return the mean stiffness."""
     (value, *_), (error, *_) = _impedance(data)
     what = f"the mean stiffness is {value:.3g} ± {error:.2g} N·m/rad"
-    return Measured(value, what, value < -SURE * error)
+    return Measured(value, what, value < -SIGNIFICANT_ERRORS * error)
 
 
 @check(
@@ -96,7 +96,9 @@ def torque_unit(data: FittedEnsemble) -> Measured:
     """Return the size of the mean stiffness."""
     (value, *_), (error, *_) = _impedance(data)
     size = abs(value)
-    return Measured(size, f"the mean stiffness is {value:.4g} N·m/rad", size > SURE * error)
+    return Measured(
+        size, f"the mean stiffness is {value:.4g} N·m/rad", size > SIGNIFICANT_ERRORS * error
+    )
 
 
 @check(
@@ -120,7 +122,7 @@ def sampling_rate(data: FittedEnsemble) -> Measured:
     _impedance(data)
     values, errors = data.fit.smooth_impedance
     stiffness, _, inertia = map(float, values)
-    if (np.abs(values) < SURE * errors)[[0, 2]].any() or stiffness * inertia < 0:
+    if (np.abs(values) < SIGNIFICANT_ERRORS * errors)[[0, 2]].any() or stiffness * inertia < 0:
         raise NotApplicable("stiffness and inertia are not determined well enough")
     frequency, inertia = math.sqrt(stiffness / inertia) / (2 * math.pi), abs(inertia)
     octaves = math.log2(frequency / MIDDLE_FREQUENCY_HZ)

@@ -38,8 +38,8 @@ MIN_CYCLES, MAX_CYCLES = 0.3, 3.3
 RESOLUTION = 0.25  # step in frequency, in one over the record's length
 # Distance from a harmonic, likewise, within which a line is no other period; the second of a
 # movement that drifts.
-NEAR, NEAR_DRIFTING = 0.2, 4.0
-NEAR_HARMONIC = 0.1  # the same as a share of the harmonic's number, for the name of the period
+MIN_DISTANCE, MIN_DISTANCE_DRIFTING = 0.2, 4.0
+HARMONIC_TOLERANCE = 0.1  # the same as a share of the harmonic's number, for the name of the period
 BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a beat, no movement
 
 
@@ -312,7 +312,7 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     is_beat = uniform_filter1d(beating, width) > BEAT_RATIO * uniform_filter1d(coherent, width)
     given, longest = ensemble.duration, _longest(ensemble)
     beside = np.abs(frequencies - np.round(frequencies * given) / given) * longest
-    is_harmonic = beside < (NEAR_DRIFTING if data.finding("drift").found else NEAR)
+    is_harmonic = beside < (MIN_DISTANCE_DRIFTING if data.finding("drift").found else MIN_DISTANCE)
     coherent[is_beat | is_harmonic] = 0
     amplitude = 200 * np.sqrt(power) / np.sum(fit.white_parts[0] ** 2)
     best = int(np.argmax(np.where(coherent > 1, amplitude, 0.0)))
@@ -328,7 +328,7 @@ def wrong_period(data: FittedEnsemble) -> Measured:
 def _period(frequency: float, given: float) -> float:
     """Return the period of a line in s; near a harmonic it is one near the given period."""
     number = max(1, round(frequency * given))
-    is_near = abs(frequency * given - number) < NEAR_HARMONIC * number
+    is_near = abs(frequency * given - number) < HARMONIC_TOLERANCE * number
     return (number if is_near else 1) / frequency
 
 

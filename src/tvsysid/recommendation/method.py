@@ -25,7 +25,7 @@ SLOW_NOISE_DB, STRONG_NOISE_DB = 10.0, 3.0  # power ratio; signal-to-noise ratio
 BIAS_PERCENT = 10.0  # of the stiffness, by noise
 MIN_INFORMATION = 2.0  # realizations at a signal-to-noise ratio of 0 dB
 CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
-LOWER = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise_bias:.0f}} % lower"
+LOW_STIFFNESS = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise_bias:.0f}} % lower"
 RECORD_REFERENCE = "Record the disturbance or the actuator's command"
 # Faults that make every method's stiffness wrong, the cause of others first.
 INVALIDATING_FAULTS = (
@@ -38,7 +38,7 @@ INVALIDATING_FAULTS = (
 
 
 @attrs.frozen
-class Measured:
+class DataProperties:
     """Properties of the data that the rules ask for. NaN, or None, where there is none."""
 
     realizations: int = 0
@@ -80,7 +80,7 @@ class Rule(NamedTuple):
     first; empty where no method is right. ``why`` is the reason, with values of properties.
     """
 
-    holds: Callable[[Measured], bool]
+    holds: Callable[[DataProperties], bool]
     methods: tuple[str, ...]
     why: str
 
@@ -131,12 +131,12 @@ RULES = (
     Rule(
         lambda data: data.is_slow and data.noise_bias > 30,
         (),
-        f"{LOWER}. Every method is biased. {RECORD_REFERENCE}",
+        f"{LOW_STIFFNESS}. Every method is biased. {RECORD_REFERENCE}",
     ),
     Rule(
         lambda data: data.is_biased,
         ("kbr:weighting=residual",),
-        f"{LOWER}. Frequencies with little noise have the most weight",
+        f"{LOW_STIFFNESS}. Frequencies with little noise have the most weight",
     ),
     Rule(
         lambda data: data.realizations < 4,
@@ -174,7 +174,7 @@ class Recommendation:
 
     suited: tuple[str, ...]
     why: str
-    measured: Measured = Measured()
+    measured: DataProperties = DataProperties()
     diagnosis: Diagnosis | str = "not diagnosed"
     unnamed_references: tuple[str, ...] = ()
 
@@ -252,7 +252,7 @@ def recommend(
         )
     for name in filter(None, (reference, scheduling)):
         ensemble.signal(name)  # raises if there is no such channel
-    measured = Measured(len(ensemble), ensemble.duration, reference, scheduling)
+    measured = DataProperties(len(ensemble), ensemble.duration, reference, scheduling)
     unnamed: tuple[str, ...] = ()
     with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
@@ -282,7 +282,7 @@ def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iter
             )
 
 
-def measure(known: Measured, ensemble: Ensemble, diagnosis: Diagnosis) -> Measured:
+def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> DataProperties:
     """Add to the ``known`` properties what the diagnosis and fits to the ensemble tell."""
     findings = {each.name: each for each in diagnosis.checks}
     ratio, loop = diagnosis.measures["signal-to-noise ratio"][0], findings.get("loop-bias")

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from tvsysid.dataset_layout import Labelled
 from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage
-from tvsysid.methods.adaptive.search import CLOSE
+from tvsysid.methods.adaptive.search import NEARBY_SAMPLES
 from tvsysid.methods.cascade.cascade import JointCascadeModel
 from tvsysid.models import Model, StandardError
 from tvsysid.numerics import Array
@@ -120,7 +120,7 @@ def switches_of(quantity: str, posterior: ModelAverage, missing: int, rate: floa
     for rank, (model, own) in enumerate(zip(counted, posterior.over_time, strict=True)):
         for index, position in enumerate(model.positions):
             distances = (estimate.axis.offset(each.positions, position) for each in counted)
-            near = np.array([(np.abs(each) < CLOSE).any() for each in distances])
+            near = np.array([(np.abs(each) < NEARBY_SAMPLES).any() for each in distances])
             probability = min(float(posterior.weights @ near), 1.0)  # rounding may exceed it
             if near[:rank].any() or probability < MIN_SWITCH_PROBABILITY:
                 continue

@@ -26,7 +26,7 @@ REACH = 12.0  # gain in log evidence beyond the first one that is expected of a 
 MAX_SETS = 8  # number of sets that the search returns
 SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and after it
 SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
-CLOSE = 3.0  # samples within which one of two switches may represent both
+NEARBY_SAMPLES = 3.0  # samples within which one of two switches may represent both
 SWEEPS = 4  # of all switches, each placed beside the others, at most
 BY_SCORE = attrgetter("score")
 
@@ -101,7 +101,7 @@ class CurveModel(NamedTuple):
         On the grid of the search, two switches may represent one.
         """
         own = self.positions
-        is_close = np.abs(self.smooth.estimate.axis.offset(own[:, None], own)) < CLOSE
+        is_close = np.abs(self.smooth.estimate.axis.offset(own[:, None], own)) < NEARBY_SAMPLES
         rests = [np.delete(own, place) for place in np.flatnonzero(is_close.sum(axis=0) > 1)]
         if not rests:
             return self

@@ -15,7 +15,7 @@ from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import (
     DIRECTIONS,
     Drive,
-    Measured,
+    MeasuredChannel,
     Stretch,
     TwoPathwayModel,
     history,
@@ -72,7 +72,9 @@ class AlternatingCascade(TwoPathwayMethod):
         first = 0 if self.emg else lags
         reach = (max(before, 2 * lags) - first + 1) // 2  # to either side of the reflex's mean lag
         before = first + 2 * reach
-        drive = Measured(self.emg) if self.emg else constant_cascade(ensemble, lags, before)[0]
+        drive = (
+            MeasuredChannel(self.emg) if self.emg else constant_cascade(ensemble, lags, before)[0]
+        )
         past = past_of(ensemble, drive, before)[:, : 2 * reach + ensemble.samples]
         known = ~np.isnan(past).any(axis=1)
         past, kept = past[known], ensemble.select(known)
@@ -252,7 +254,7 @@ class EnsembleCascade(AlternatingCascade):
 def two_pathways(
     ensemble: Ensemble,
     intrinsic: ImpulseResponseModel,
-    drive: Stretch | Measured,
+    drive: Stretch | MeasuredChannel,
     reflex: Array,
     first: int,
 ) -> TwoPathwayModel:
@@ -261,7 +263,7 @@ def two_pathways(
     The reflex's weights (time, lag) begin with the lag ``first``. The gain is their sum.
     """
     rate, error = ensemble.sampling_rate, StandardError.none(ensemble.samples, NO_BAND)
-    unit = "N m/V" if isinstance(drive, Measured) else UNITS["reflex_gain"]
+    unit = "N m/V" if isinstance(drive, MeasuredChannel) else UNITS["reflex_gain"]
     estimates = {**intrinsic.estimates, "reflex_gain": Estimate(reflex.sum(axis=1), unit)}
     details = {**intrinsic.diagnostics.details, "direction": float(drive.direction)}
     model = TwoPathwayModel(

@@ -39,7 +39,7 @@ class Stretch:
 
 
 @attrs.frozen
-class Measured:
+class MeasuredChannel:
     """Measured channel that drives the reflex."""
 
     name: str
@@ -68,7 +68,7 @@ class VelocityPolynomial:
 
 
 # A drive returns the signal (realization, context + time + context) that drives a reflex.
-Drive = Stretch | VelocityPolynomial | Measured
+Drive = Stretch | VelocityPolynomial | MeasuredChannel
 
 
 def rectified_velocities(ensemble: Ensemble) -> Array:

@@ -17,7 +17,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods.base import fitting_lags
 from tvsysid.methods.cascade.columns import Data, deviations, readout
 from tvsysid.methods.cascade.fit import DAMPING, FREQUENCY, THRESHOLD, USUAL_PARAMETERS, Fit
-from tvsysid.methods.cascade.pathways import Drive, Measured, Stretch, history
+from tvsysid.methods.cascade.pathways import Drive, MeasuredChannel, Stretch, history
 from tvsysid.methods.cascade.reflex_test import (
     MIN_TESTED_REALIZATIONS,
     predicts_better,
@@ -89,7 +89,7 @@ class Search:
 
     def drive(self, direction: int, threshold: float) -> Drive:
         """Return the drive of a reflex."""
-        return Measured(self.emg) if self.emg else Stretch(threshold, direction)
+        return MeasuredChannel(self.emg) if self.emg else Stretch(threshold, direction)
 
     @cached_property
     def _past(self) -> Callable[[int, float], Array]:

@@ -244,16 +244,9 @@ def test_an_angle_at_the_low_rate_only_serves_with_a_warning():
     assert abs(np.mean(model.stiffness - truth["stiffness"])) < 4
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"harmonics": (25, 25)}, "three whole numbers"),
-        ({"delay": "free"}, "delay must be a positive number"),
-    ],
-)
-def test_wrong_settings_are_refused(settings, message):
-    with pytest.raises(tv.InputError, match=message):
-        tv.JointCascade(**settings)
+def test_wrong_settings_are_refused():
+    with pytest.raises(tv.InputError, match="three whole numbers"):
+        tv.JointCascade(harmonics=(25, 25))
 
 
 def test_realizations_without_history_are_refused(random):

@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial.chebyshev import chebval
 from scipy.io import loadmat
 from scipy.signal import decimate
-from tests.reflexive import ANKLES, ankle, centred, reflexive
+from tests.reflexive import ANKLES, centred, reflexive
 
 import tvsysid as tv
 from tvsysid.numerics import subspace
@@ -53,16 +53,6 @@ def test_it_agrees_with_the_authors_code(recordings_folder, parallel_reference, 
 
 
 @pytest.mark.parametrize(
-    ("muscle", "stiffness"),
-    [("dorsiflexor", 71.6), pytest.param("dorsiflexor_2", 53.2, marks=pytest.mark.slow)],
-)
-def test_real_ankles(recordings_folder, muscle, stiffness):
-    model = tv.SubspaceCascade().identify(ankle(recordings_folder, muscle))
-    assert model.stiffness[0] == pytest.approx(stiffness, rel=0.03)
-    assert model.diagnostics.details["vaf"] == pytest.approx(94, abs=1)
-
-
-@pytest.mark.parametrize(
     ("perturbation", "error", "least"),
     [("noise", 0.05, 98), pytest.param("prbs", 0.25, 95, marks=pytest.mark.slow)],
 )
@@ -78,13 +68,6 @@ def test_a_constant_joint_with_a_reflex(perturbation, error, least):
         known, true = np.isfinite(torque), ensemble.channels[name][:, ensemble.core]
         left = np.sum((true - torque)[known] ** 2) / np.sum(true[known] ** 2)
         assert 100 * (1 - left) > least
-
-
-@pytest.mark.slow
-def test_without_a_reflex_none_is_found():
-    model = tv.SubspaceCascade().identify(constant(gain=0.0))
-    assert model.stiffness[0] == pytest.approx(100, abs=2)
-    assert abs(model.estimates["reflex_gain"].values[0]) < 0.3
 
 
 @pytest.mark.parametrize(

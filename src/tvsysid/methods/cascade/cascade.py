@@ -264,15 +264,14 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     The weights are zero if no reflex is shown.
     """
     ensemble, fit, data = selection.search.ensemble, selection.fit, selection.fit.data
-    max_lags = max(round(MAX_REFLEX_LAG_S * data.rate), ensemble.context) + 1
-    weights = muscle(fit.shape, 4 * max_lags, data.rate)
-    last = np.flatnonzero(np.abs(np.cumsum(weights[::-1])[::-1]) > CUT_SHARE)[-1]
-    first = math.floor(fit.shape[DELAY] * data.rate + 1e-9)
-    lags = np.arange(first, max(min(int(last) + 1, max_lags), first + 1)) / data.rate
+    delay, max_lag = fit.shape[DELAY], max(round(MAX_REFLEX_LAG_S * data.rate), ensemble.context)
+    weights = muscle(fit.shape, 4 * max_lag, data.rate)
+    lasts = np.flatnonzero(np.abs(np.cumsum(weights[::-1])[::-1]) > CUT_SHARE)[-1]
+    known = slice(math.floor(delay * data.rate + 1e-9), 1 + min(int(lasts), max_lag))
+    weights, lags = weights[known], np.arange(known.start, known.stop) / data.rate
     if not selection.shown:
         return np.zeros((ensemble.samples, 1)), lags[:1]
-    weights = weights[first : first + len(lags)]
-    arrivals = ensemble.time[:, None] - lags + fit.shape[DELAY]
+    arrivals = ensemble.time[:, None] - lags + delay
     gain = data.gain(arrivals.ravel() / data.period) @ fit.posterior.mean[data.own :]
     return gain.reshape(arrivals.shape) * weights / weights.sum(), lags
 

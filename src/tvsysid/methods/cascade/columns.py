@@ -224,7 +224,7 @@ class Data:
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
         missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)
         known_from = np.maximum(missing, edge)
-        sizes = np.array([(known_from <= each).sum() * (last - each) for each in known_from])
+        sizes = np.sum(known_from <= known_from[:, None], axis=1) * (last - known_from)
         if not sizes.max() > 0:
             raise InputError(
                 f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "

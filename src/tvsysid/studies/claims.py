@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
@@ -25,13 +26,6 @@ if TYPE_CHECKING:
 
 COLUMNS = ("claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark")
 HOLDS, FAILS, UNDECIDED, NOT_STUDIED = "holds", "does not hold", "undecided", "not studied"
-FINDINGS = {
-    FAILS: "{} of {} comparisons against it; the clearest: ",
-    UNDECIDED: "{} of {} comparisons open; the most so: ",
-    HOLDS: "{} of {} comparisons speak for it; the closest: ",
-}
-"""Beginning of the finding, by verdict."""
-NEEDS = "Needs other methods, scenarios or recordings."  # of what was not studied
 RATIO = "ratio"  # unit of margins that are logarithms
 MIN_TRIALS = 10  # below which limits from resampled trials are too narrow
 TAIL = 0.025  # probability beyond either 95 % limit
@@ -52,20 +46,18 @@ class Evidence:
     interval
         Return estimate, lower and upper limit of samples. Each limit is exceeded with this
         probability.
-    more
-        What to have more of where a claim is undecided.
     """
 
     values: Mapping[Key, Array]
     units: Mapping[str, str]
     interval: Callable[[Array, float], tuple[float, float, float]]
-    more: str = "trials"
 
     def describe(self, key: Key) -> str:
         """Return a number with its unit and what it belongs to, in words."""
         quantity, *owner = key
-        value = f"{self.interval(self.values[key], TAIL)[0]:.3g} {self.units[quantity]}"
-        return f"{quantity.replace('_', ' ')} {value.strip()} ({', '.join(owner)})"
+        value = self.interval(self.values[key], TAIL)[0]
+        words = quantity.replace("_", " ")
+        return f"{words} {value:.3g} {self.units[quantity]} ({', '.join(owner)})"
 
 
 def difference(*numbers: Array) -> Array:
@@ -88,28 +80,24 @@ class Margin:
         Bounds.
     of
         Function that compares numbers.
-    is_ratio
-        Whether it returns the logarithm of a ratio, and the bounds are logarithms too.
+    scale
+        What is done to the bounds: the logarithm if ``of`` returns the logarithm of a ratio.
     """
 
     low: float = -np.inf
     high: float = np.inf
     of: Callable[..., Array] = difference
-    is_ratio: bool = False
+    scale: Callable[[float], Any] = float
 
     def __call__(self, *numbers: Array) -> list[Array]:
         """Return the samples of the margin to each finite bound."""
-        value = self.of(*numbers)
-        margins = ((self.low, value - self.low), (self.high, self.high - value))
+        value, low, high = self.of(*numbers), self.scale(self.low), self.scale(self.high)
+        margins = ((low, value - low), (high, high - value))
         return [margin for bound, margin in margins if np.isfinite(bound)]
 
 
-def ratio(low: float = 0.0, high: float = np.inf, of: Callable[..., Array] = log_ratio) -> Margin:
-    """Return the margin of a ratio."""
-    with np.errstate(divide="ignore"):
-        return Margin(np.log(low), np.log(high), of, is_ratio=True)
-
-
+ratio = partial(Margin, of=log_ratio, scale=np.log)
+"""Margin of a ratio."""
 HIGHER, HIGHER_RATIO = Margin(0), ratio(1)
 """Margins by which the first of two numbers is higher: their difference, and their ratio."""
 
@@ -143,22 +131,20 @@ class Claim:
 
         There are none if the evidence lacks one of the methods.
         """
-        compared, methods = [], set()
+        compared, methods, known = [], set(), evidence.values
         for margin, *axes in self.comparisons:
             for place in product(*map(_several, axes)):
                 keys = list(product(*map(_several, place)))
                 methods |= {key[1] for key in keys}
-                if evidence.values.keys() >= {*keys}:
-                    unit = RATIO if margin.is_ratio else evidence.units[keys[0][0]]
+                if known.keys() >= {*keys}:
+                    unit = RATIO if margin.scale is np.log else evidence.units[keys[0][0]]
                     words = "; ".join(map(evidence.describe, keys))
-                    compared.append((margin(*map(evidence.values.get, keys)), unit, words))
-        if not compared or not methods <= {key[1] for key in evidence.values}:
+                    compared.append((margin(*map(known.get, keys)), unit, words))
+        if not compared or not methods <= {key[1] for key in known}:
             return []
         if self.most:
-            smallest = np.array([np.min(margins, axis=0) for margins, *_ in compared])
-            words = f"{np.sum(smallest[:, 0] > 0)} of {len(smallest)} conditions"
-            share = np.mean(smallest > 0, axis=0)
-            return [(share - 0.5, "share of conditions beyond half", words)]
+            hold = [np.min(margins, axis=0) > 0 for margins, *_ in compared]
+            return [(np.mean(hold, axis=0) - 0.5, "beyond half", "share of conditions")]
         return [(each, unit, words) for margins, unit, words in compared for each in margins]
 
 
@@ -189,27 +175,29 @@ def judge_claims(claims: Iterable[Claim], evidence: Evidence) -> pd.DataFrame:
 
 
 def judged(row: Claim, evidence: Evidence) -> tuple[object, ...]:
-    """Return the columns from the finding on; without comparisons a claim was not studied."""
+    """Return the columns from the finding on; without comparisons a claim was not studied.
+
+    The finding begins with how many comparisons agree with the verdict.
+    """
     margins = row.margins(evidence)
     if not margins:
-        return "", np.nan, np.nan, np.nan, "", NOT_STUDIED, NEEDS
+        return "", np.nan, np.nan, np.nan, "", NOT_STUDIED, ""
     limits = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
-    joint = TAIL / len(margins)
-    fails = np.array([evidence.interval(samples, joint)[2] < 0 for samples, *_ in margins])
-    holds = limits[:, 1] > 0
-    verdict = FAILS if fails.any() else HOLDS if holds.all() else UNDECIDED
-    chosen = {FAILS: fails, HOLDS: holds, UNDECIDED: ~holds}[verdict]
-    order = limits[:, 1 if verdict == HOLDS else 0]
-    place = int(np.argmin(np.where(chosen, order, np.inf)))  # one without results, if any
+    joint = [evidence.interval(samples, TAIL / len(margins)) for samples, *_ in margins]
+    estimates, holds, fails = limits[:, 0], limits[:, 1] > 0, np.array(joint)[:, 2] < 0
+    verdict, agree, order = UNDECIDED, ~holds, estimates
+    if fails.any():
+        verdict, agree = FAILS, fails
+    elif holds.all():
+        verdict, agree, order = HOLDS, holds, limits[:, 1]
+    place = int(np.argmin(np.where(agree, order, np.inf)))  # one without results, if any
     _, unit, words = margins[place]
-    count = FINDINGS[verdict].format(np.count_nonzero(chosen), len(margins))
-    more = f"More {evidence.more} may decide. " if verdict == UNDECIDED else ""
     return (
-        f"{count if len(margins) > 1 else ''}{words}",
+        f"{np.sum(agree)} of {len(margins)}: {words}",
         *(np.exp(limits[place]) if unit == RATIO else limits[place]).tolist(),
         unit.replace("%", "percentage points"),
         verdict,
-        "" if verdict == HOLDS else f"{more}{row.disagreement}".strip(),
+        "" if verdict == HOLDS else row.disagreement,
     )
 
 

@@ -86,7 +86,7 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     claim(
         "They do so in proportion to the reflex's torque (to within 25 %)", KEARNEY,
-        ratio(2 / 1.25, 2 * 1.25, bias_ratio), BIAS, ONE_PATH,
+        ratio(2 / 1.25, 2 * 1.25, of=bias_ratio), BIAS, ONE_PATH,
         [tuple(CONSTANT[gain] for gain in (0.0, *pair)) for pair in pairwise(GAINS)],
     ),
     claim(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from tvsysid.methods.registry import parse
+from tvsysid.methods.tuning import rounded
 from tvsysid.models import IMPEDANCE
 from tvsysid.validators import settings_of
 
@@ -53,5 +54,5 @@ def describe(text: str) -> Description:
         needs=tuple(needs),
         reports=(*dict.fromkeys([*IMPEDANCE, *method.quantities]), *reports),
         assumptions=method.assumptions,
-        settings=tuple(f"{name} = {value!r}" for name, value in settings_of(method).items()),
+        settings=tuple(f"{name} = {rounded(value)}" for name, value in settings_of(method).items()),
     )

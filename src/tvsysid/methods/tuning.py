@@ -87,14 +87,14 @@ class Evidence:
 
 
 def _as_text(settings: Mapping[str, object]) -> str:
-    return ", ".join(f"{name}={_rounded(value)}" for name, value in settings.items())
+    return ", ".join(f"{name}={rounded(value)}" for name, value in settings.items())
 
 
-def _rounded(value: object) -> str:
-    """Return a value as text, numbers with four digits."""
+def rounded(value: object) -> str:
+    """Return a setting as text, with at most four digits of a number."""
     if isinstance(value, float):
-        return f"{value:.4g}"
-    return f"({', '.join(map(_rounded, value))})" if isinstance(value, tuple) else repr(value)
+        return repr(float(f"{value:.4g}"))
+    return f"({', '.join(map(rounded, value))})" if isinstance(value, tuple) else repr(value)
 
 
 @attrs.frozen

@@ -36,8 +36,6 @@ REWEIGHTED = 2
 CONVERGED = 1e-5  # relative change of the noise variance at which iterations stop
 ITERATIONS = 50  # maximum number of noise variances tried
 INITIAL_NOISE = 1e-2  # initial noise variance, as a share of the torque's power
-# share of white noise's power in a band below which an autocorrelation is too coarse to tell it
-LEAST_POWER = 1e-3
 
 
 def _numbers(value: Any, count: int) -> bool:
@@ -195,7 +193,7 @@ class KernelRegression(shared.ByReference):
                 filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
                 share, filters = posterior.effective / left.size, _in_band(filters, low, high)
                 noise, coloured = shared.noise_colour(moved, left, share, filters)
-                factors *= coloured / max(power_in_band(noise, low, high), LEAST_POWER)
+                factors *= coloured / power_in_band(noise, low, high)
             times = times_of(ensemble, kernel)
             features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
             known = features[missing : ensemble.samples - missing]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, lru_cache, partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -107,12 +107,9 @@ class Search:
 
         return past
 
-    def _fit(
-        self, direction: int | None, data: Data, shape: Array, free: list[int], **settings: Any
-    ) -> Fit:
-        """Return the fit with a reflex."""
-        drive = None if direction is None else partial(self._past, direction)
-        return Fit(data, drive, shape, free, **settings)
+    def _driven(self, direction: int | None) -> Callable[[float], Array] | None:
+        """Return the function that gives the drive of a reflex for a threshold."""
+        return None if direction is None else partial(self._past, direction)
 
     def _shape(self, frequency: float = 16.0, threshold: float = 0.0) -> Array:
         """Return the shape of a reflex with a muscle of usual damping."""
@@ -122,12 +119,10 @@ class Search:
     def _started(self, direction: int | None) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
         free = [FREQUENCY, DAMPING, THRESHOLD] if self.emg is None else [FREQUENCY, DAMPING]
-        free = free if direction else []
+        free, drive = free if direction else [], self._driven(direction)
         shapes = product(FREQUENCIES, THRESHOLDS if THRESHOLD in free else THRESHOLDS[:1])
         fits = (
-            self._fit(
-                direction, self.data.constant, self._shape(*each), free, parameters=USUAL_PARAMETERS
-            )
+            Fit(self.data.constant, drive, self._shape(*each), free, USUAL_PARAMETERS)
             for each in shapes
         )
         return max(fits, key=lambda fit: fit.objective).improved()
@@ -135,11 +130,11 @@ class Search:
     def fit(self, direction: int | None) -> Fit:
         """Return the fit with a reflex. The data choose whether coefficients change over time."""
         start = self._started(direction)
-        left = self._fit(direction, self.data, start.shape, []).residual
 
         def solved(data: Data) -> Fit:
-            return self._fit(direction, data, start.shape, start.free)
+            return Fit(data, start.drive, start.shape, start.free)
 
+        left = solved(self.data).residual
         data = attrs.evolve(self.data, noise=autocorrelation(left))
         fit = solved(data)
         if data.varies:
@@ -163,14 +158,14 @@ class Search:
             fit = self._limited(_refined(self.fit(direction)))
             return Selection(self, direction, True, fit, fit)
         none = self.fit(None)
-        usual = self._fit(direction, none.data, self._shape(), [])
+        usual = Fit(none.data, self._driven(direction), self._shape(), [])
         return Selection(self, direction, False, self._limited(usual), self._limited(none))
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is shown."""
         data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
-        settings = {"parameters": known.parameters, "positive": known.positive}
-        fit = self._fit(known.direction, data, known.shape, [], **settings)
+        drive = self._driven(known.direction)
+        fit = Fit(data, drive, known.shape, [], known.parameters, known.positive)
         return Selection(self, known.direction, True, fit, fit)
 
     def _limited(self, fit: Fit) -> Fit:

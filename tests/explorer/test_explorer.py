@@ -2,7 +2,6 @@
 
 import os
 import shlex
-import sys
 from pathlib import Path
 from threading import Thread
 from urllib.error import HTTPError
@@ -11,8 +10,8 @@ from urllib.request import urlopen
 
 import attrs
 import numpy as np
-import pandas as pd
 import pytest
+import xarray as xr
 from tests import faults
 
 import tvsysid as tv
@@ -23,6 +22,7 @@ from tvsysid.explorer.settings import Settings, method_settings, method_text, se
 from tvsysid.methods.settings import split_settings
 from tvsysid.recordings import Reading, Segmentation
 from tvsysid.recordings.saved import saved_settings, settings_file
+from tvsysid.report.sheet import facts
 
 CUTTING = Segmentation(period=2.0, decimate=100.0)
 
@@ -77,29 +77,32 @@ def found(file):
 
 
 @pytest.mark.slow
-def test_the_command_shown_finds_the_same(found, tvsysid, monkeypatch):
-    # Stop after the table is written
-    stop = lambda *given, **words: sys.exit(0)  # noqa: E731
-    monkeypatch.setattr("tvsysid.report.folder.write_identification", stop)
-    code, _, _ = tvsysid(*shlex.split(found.settings.command)[1:], "--out", "found")
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("method", ["birf", "adaptive"])
+def test_page_command_sheet_and_python_give_one_answer(file, tvsysid, method):
+    found = outcome(settings_from(FORM | {"method": method}, start(file)))
+    answer, names = found.found.answer, {}
+    exec(found.settings.python(found.prepared.centered), names)
+    assert repr(names["found"]) == repr(found.found)
+    np.testing.assert_array_equal(names["found"].answer.stiffness, answer.stiffness)
+    command = shlex.split(found.settings.command)[1:]
+    code, out, _ = tvsysid(*command, "--sheet", "--out", "found")
     assert code == 0
-    written, over_time = pd.read_csv("found/stiffness.csv"), found.found.over_time()
-    assert list(written.method.unique()) == ["birf:max_lag=0.2,reference=command"]
-    for name in ("stiffness", "stiffness_lower", "inertia", "time_varying_vaf"):
-        np.testing.assert_allclose(written[name], over_time[name], rtol=1e-5)
-
-
-def test_the_python_shown_finds_the_same(found, recording):
-    spoilt = faults.gapped(faults.humming(recording), count=2)
-    without_file = outcome(Settings(spoilt, cutting=CUTTING, method="esm"))
-    assert len(without_file.notes) == 2
-    assert without_file.settings.command == ""
-    for each in (found, without_file):
-        names: dict = {"recording": spoilt}
-        exec(each.settings.python(each.prepared.centered), names)
-        (again,), (model,) = names["found"].models.values(), each.found.models.values()
-        np.testing.assert_array_equal(again.stiffness, model.stiffness)
+    assert "\n  ".join(answer.lines) in out
+    with xr.open_datatree("found/models.nc", engine="h5netcdf") as tree:
+        assert tree.attrs.items() >= facts(found.found, file.name).items()  # of the sheet
+        np.testing.assert_array_equal(tree[tree.leading].stiffness, answer.stiffness)
     assert found.prepared.ensemble.delay_removed == pytest.approx(0.012, abs=0.0005)
+
+
+def test_the_python_shown_of_a_recording_without_a_file(recording):
+    spoilt = faults.gapped(faults.humming(recording), count=2)
+    found = outcome(Settings(spoilt, cutting=CUTTING, method="esm"))
+    assert len(found.notes) == 2
+    assert found.settings.command == ""
+    names: dict = {"recording": spoilt}
+    exec(found.settings.python(found.prepared.centered), names)
+    assert repr(names["found"]) == repr(found.found)
 
 
 def test_only_what_changes_is_done_anew(found, monkeypatch):
@@ -148,7 +151,7 @@ def test_a_command_has_what_differs_from_the_defaults():
     settings = Settings(Path("a.csv"), reading, Segmentation(period=1.5), align_channels=False)
     assert settings.command == (
         "tvsysid identify a.csv --angle 1 --torque 2 --rate 500 --channel emg=3 "
-        "--start -0.5 --period 1.5 --no-align-channels --method adaptive"
+        "--start -0.5 --period 1.5 --no-align-channels"
     )
 
 

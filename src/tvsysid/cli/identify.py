@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -32,10 +31,8 @@ from tvsysid.errors import InputError, printable
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
-    from tvsysid.comparison import Comparison, PreparedRecording
-    from tvsysid.signals import Recording
+    from tvsysid.comparison import Comparison
 
-MAX_TESTED_CHANNELS = 8
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
 NO_PERIOD = (
     "--period is missing: the duration of one repetition of the movement (s). For a joint that is "
@@ -170,7 +167,7 @@ def _identify_one(
     file: Path, out: Path, reading: Reading, segmentation: Segmentation, options: Options
 ) -> int:
     """Identify one recording, write its folder, print the answer, and return the exit code."""
-    from tvsysid.comparison import compare, prepare_recording
+    from tvsysid.comparison import compare, prepare_recording, with_checks
     from tvsysid.methods import centered_channels, expand, parse
     from tvsysid.recordings import read_recording
     from tvsysid.report import write_folder
@@ -200,7 +197,8 @@ def _identify_one(
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in comparison.failed.items():
         remark("error", f"{label} failed: {reason}")
-    comparison = _with_checks(comparison, prepared, recording, file, reading)
+    with shown_progress("predicting held-out realizations") as advance:
+        comparison = with_checks(comparison, prepared, file, reading, advance)
     source = _source(file, reading)
     written = write_folder(
         out, comparison, source, prepared.corrections, command_line(), options.sheet
@@ -212,24 +210,6 @@ def _identify_one(
     return int(bool(comparison.failed))
 
 
-def _with_checks(
-    comparison: Comparison,
-    prepared: PreparedRecording,
-    recording: Recording,
-    file: Path,
-    reading: Reading,
-) -> Comparison:
-    """Add held-out predictions, the diagnosis of the data, and unnamed references."""
-    with shown_progress("predicting held-out realizations") as advance:
-        held_out = comparison.held_out_vaf(progress=advance)
-    return attrs.evolve(
-        comparison,
-        held_out=held_out,
-        diagnosis=prepared.diagnose(comparison.inputs.get("reference")),
-        unnamed_references=tuple(_unnamed_references(comparison, recording, file, reading)),
-    )
-
-
 def _source(file: Path, reading: Reading) -> dict[str, str]:
     """Return the file and its channels in words, for the report."""
     sign = ", sign reversed" if reading.torque_sign == -1 else ""
@@ -238,32 +218,6 @@ def _source(file: Path, reading: Reading) -> dict[str, str]:
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",
         "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
     }
-
-
-def _unnamed_references(
-    comparison: Comparison, recording: Recording, file: Path, reading: Reading
-) -> Iterator[str]:
-    """Yield a sentence for each channel that drives the angle but was not read from the file.
-
-    Nothing is tested where a method has a reference or a scheduling variable.
-    """
-    from tvsysid.preprocess import segment, subtract_mean
-    from tvsysid.recommendation import find_unnamed_references
-    from tvsysid.recordings import describe_file
-
-    if comparison.inputs.keys() & {"reference", "scheduling"}:
-        return
-    channels, ensemble = describe_file(file), comparison.ensemble
-    shape, named = channels[reading.names["angle"]].shape, {*reading.names.values()}
-    untested = [name for name in channels if name not in named and channels[name].shape == shape]
-    for name in untested[:MAX_TESTED_CHANNELS]:
-        with suppress(InputError):  # the channel holds no numbers
-            values = channels[name].read(name).ravel(order="F")
-            with_channel = attrs.evolve(recording, channels={name: values})
-            context = ensemble.context / ensemble.sampling_rate
-            segmented = subtract_mean(segment(with_channel, ensemble.duration, context), [name])
-            for sentence in find_unnamed_references(segmented, [name]):
-                yield sentence.replace("--method", f"--channel {name}={name} --method")
 
 
 def _show_impedance(comparison: Comparison) -> None:
@@ -288,7 +242,7 @@ def _show_diagnosis(comparison: Comparison) -> None:
         return
     names = ", ".join(each.name for each in diagnosis.findings)
     advice = f": {names} (report.html says what to do)" if names else ""
-    say(f"diagnosis: {diagnosis.verdict}{advice}")
+    say(f"diagnosis: {diagnosis.verdict}, at {comparison.ensemble.sampling_rate:g} Hz{advice}")
 
 
 def _show_settings(comparison: Comparison) -> None:

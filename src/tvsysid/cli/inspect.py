@@ -42,6 +42,7 @@ def inspect(
     effect and the remedy of each fault and, with `--period`, which method suits the data. Writes a
     page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture. ANGLE and TORQUE are
     the channels' names. `--decimate` is ignored here, because decimation would hide some faults.
+    `tvsysid identify` diagnoses the decimated data: a fault near its limit may differ.
     Without `--period`, the record is cut into pieces of 2 s, and repetitions are not checked.
 
     Example: `tvsysid inspect ankle.mat`

@@ -1,5 +1,6 @@
 """Identify one ensemble by several methods, and compare what they find and predict."""
 
+from tvsysid.comparison.checks import with_checks
 from tvsysid.comparison.comparison import Comparison
 from tvsysid.comparison.identify import compare
 from tvsysid.comparison.preparation import PreparedRecording, prepare_recording
@@ -9,4 +10,5 @@ __all__ = [
     "PreparedRecording",
     "compare",
     "prepare_recording",
+    "with_checks",
 ]

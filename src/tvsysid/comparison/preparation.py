@@ -30,6 +30,8 @@ class PreparedRecording:
 
     Parameters
     ----------
+    recording
+        Recording as it was read.
     ensemble
         Realizations without their mean; a single one keeps its mean.
     diagnosed
@@ -44,6 +46,7 @@ class PreparedRecording:
         Channels that lost their mean.
     """
 
+    recording: Recording
     ensemble: Ensemble
     diagnosed: Ensemble
     findings: tuple[Finding, ...] = ()
@@ -89,6 +92,7 @@ def prepare_recording(
     period, context = segmentation.period, segmentation.context
     names = tuple(name for name in centered if name in recording.channels)
     findings, corrections, notes = diagnose_recording(recording), [], []
+    as_read = recording
 
     def note(fault: str, correction: str) -> None:
         corrections.append(correction)
@@ -131,6 +135,7 @@ def prepare_recording(
             delay, decision = delay_to_correct(ensemble, diagnose(diagnosed(0.0)))
             notes += filter(None, [decision])
     return PreparedRecording(
+        as_read,
         ensemble(delay),
         diagnosed(delay),
         tuple(findings.values()),

@@ -9,7 +9,13 @@ from threading import Lock
 
 import attrs
 
-from tvsysid.comparison import Comparison, PreparedRecording, compare, prepare_recording
+from tvsysid.comparison import (
+    Comparison,
+    PreparedRecording,
+    compare,
+    prepare_recording,
+    with_checks,
+)
 from tvsysid.errors import DataQualityWarning
 from tvsysid.explorer.settings import Settings
 from tvsysid.figures import drawn, identified_quantity
@@ -59,10 +65,8 @@ def _identify(
     prepared, before = _prepare(attrs.evolve(settings, method=""), centered, changed)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
-        methods = [] if settings.method == "adaptive" else [settings.method]
-        found = compare(prepared.ensemble, methods)
-        diagnosis = prepared.diagnose(found.inputs.get("reference"))
-        found = attrs.evolve(found, diagnosis=diagnosis, held_out=found.held_out_vaf())
+        found = compare(prepared.ensemble, settings.methods)
+        found = with_checks(found, prepared, settings.source, settings.reading)
     return prepared, found, (*before, *dict.fromkeys(str(each.message) for each in caught))
 
 

@@ -23,13 +23,15 @@ REQUIRED = {
 }
 TEXTS = ("angle", "torque", "angle_unit", "torque_unit", "columns")
 PYTHON = """import tvsysid as tv
-from tvsysid.comparison import prepare_recording
+from tvsysid.comparison import prepare_recording, with_checks
 from tvsysid.recordings import Reading, Segmentation
 
+reading = {reading!r}
 {read}prepared = prepare_recording(
     recording, {cutting!r}, {centered!r}, align_channels={align_channels}
 )
-found = tv.compare(prepared.ensemble, [{method!r}])"""
+found = tv.compare(prepared.ensemble, {methods!r})
+found = with_checks(found, prepared, {source}, reading)"""
 
 
 @attrs.frozen
@@ -41,6 +43,11 @@ class Settings:
     cutting: Segmentation = attrs.field(factory=Segmentation)
     align_channels: bool = True
     method: str = "adaptive"
+
+    @property
+    def methods(self) -> list[str]:
+        """The methods to run; without any, ``adaptive`` and those that check it."""
+        return [] if self.method == "adaptive" else [self.method]
 
     @property
     def command(self) -> str:
@@ -56,17 +63,21 @@ class Settings:
                     option = "--" + OPTION_NAMES.get(name, name).replace("_", "-")
                     words += [each for text in pairs or [_text(value)] for each in (option, text)]
         words += [] if self.align_channels else ["--no-align-channels"]
-        return shlex.join([*words, "--method", self.method])
+        words += [each for method in self.methods for each in ("--method", method)]
+        return shlex.join(words)
 
     def python(self, centered: tuple[str, ...]) -> str:
         """Return Python code of the same analysis; ``centered`` channels lose their mean."""
-        read = f"recording = tv.read_recording({str(self.source)!r}, {self.reading!r})\n"
+        is_file = isinstance(self.source, Path)
+        source = repr(str(self.source)) if is_file else "recording"
         return PYTHON.format(
-            read=read if isinstance(self.source, Path) else "",
+            reading=self.reading,
+            read=f"recording = tv.read_recording({source}, reading)\n" if is_file else "",
+            source=source,
             cutting=self.cutting,
             centered=centered,
             align_channels=self.align_channels,
-            method=self.method,
+            methods=self.methods,
         )
 
 

@@ -102,12 +102,8 @@ def reflex_bias() -> Figure:
 
 
 def closed_loop_bias() -> Figure:
-    systems = tuple(closed_loop.system(actuator, 5.0) for actuator in closed_loop.ACTUATORS)
-    preset = PRESETS["closed-loop"] | {
-        "snr_db": (closed_loop.SNR[5.0],),
-        "system": systems,
-        "also": (),
-    }
+    slow = closed_loop.grid(5.0, *closed_loop.ACTUATORS)
+    preset = PRESETS["closed-loop"] | slow | {"also": ()}
     return closed_loop.STUDY.figures(*studied(**preset))["bias-5Hz"].draw()
 
 

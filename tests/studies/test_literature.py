@@ -23,10 +23,8 @@ from tvsysid.studies.closed_loop import (
 from tvsysid.studies.reflex import AMOUNTS, CONSTANT, GAIN, LOUD, NAMES, SINE
 from tvsysid.study import Study, run, score, summarize
 
-LOOPS = [
-    closed_loop.scenario(actuator, noise) for noise in SNR for actuator in (*ACTUATORS, IMPOSED)
-]
-LOOPS.append(closed_loop.scenario(100.0, 5.0, LONG))
+LOOPS = [each for noise in SNR for each in closed_loop.sines(noise, *ACTUATORS, IMPOSED)]
+LOOPS += closed_loop.sines(5.0, 100.0, duration_s=LONG)
 SLOW = LOOPS[5:6]  # on 30 N·m/rad, noise up to 5 Hz
 WIDE = LOOPS[10:14]
 BY_LABEL = {scenario.label: scenario for scenario in studies.preset("reflex").scenarios}

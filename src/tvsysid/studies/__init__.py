@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PRESETS", "preset", "published", "van_de_ruit_2021"]
 
-STUDIES = (reflex.STUDY, closed_loop.STUDY, van_de_ruit_2021.STUDY)
-PRESETS = {**van_de_ruit_2021.STUDY.presets, **reflex.STUDY.presets, **closed_loop.STUDY.presets}
+STUDIES = (van_de_ruit_2021.STUDY, reflex.STUDY, closed_loop.STUDY)
+PRESETS = {name: given for study in STUDIES for name, given in study.presets.items()}
 """Settings of studies by name."""
 
 
@@ -42,5 +42,4 @@ def preset(name: str, **settings: Any) -> Study:
 def published(results: xr.Dataset) -> PublishedStudy:
     """Return the claims for a simulation study: the paper's, if nothing else fits."""
     kinds = {label.partition(":")[0] for label in results.system.values.tolist()}
-    fitting = (each for each in STUDIES if kinds <= {*each.systems})
-    return next(fitting, van_de_ruit_2021.STUDY)
+    return next((each for each in STUDIES if kinds <= {*each.systems}), STUDIES[0])

@@ -5,7 +5,6 @@ The thresholds are ours.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,27 +29,17 @@ SNR = {2.0: 5.0, 5.0: 5.0, 40.0: 10.0}  # dB, by the cut-off of the noise in Hz
 SHORT, LONG = 40.0, 150.0  # s
 
 
-def system(actuator: float, noise: float) -> str:
-    """Return the name of the system with this actuator and noise."""
-    return f"loaded:actuator_stiffness={actuator:g},noise_bandwidth={noise:g}"
+def sines(noise: float, *actuators: float, duration_s: float = SHORT) -> list[Scenario]:
+    """Return scenarios of a sine wave with this noise on these actuators."""
+    system = f"loaded:actuator_stiffness={{:g}},noise_bandwidth={noise:g}"
+    usual = Scenario("sine", "noise:cutoff=20", duration_s, SNR[noise])
+    return [usual._replace(system=system.format(actuator)) for actuator in actuators]
 
 
-def scenario(actuator: float, noise: float, duration_s: float = SHORT) -> Scenario:
-    """Return the scenario of a sine wave on this actuator with this noise."""
-    return Scenario(
-        "sine", "noise:cutoff=20", duration_s, SNR[noise], "constant", system(actuator, noise)
-    )
-
-
-def loops(noises: Iterable[float], actuators: Iterable[float] = ACTUATORS) -> list[str]:
-    """Return the labels of scenarios with these noises and actuators."""
-    return [scenario(actuator, noise).label for noise in noises for actuator in actuators]
-
-
-def _grid(noise: float, *actuators: float, **settings: object) -> dict[str, object]:
-    """Return the settings of sines with this noise, on these actuators."""
-    systems = tuple(system(actuator, noise) for actuator in actuators)
-    return {"snr_db": (SNR[noise],), "system": systems, **settings}
+def grid(noise: float, *actuators: float) -> dict[str, object]:
+    """Return the settings of these scenarios."""
+    systems = tuple(each.system for each in sines(noise, *actuators))
+    return {"snr_db": (SNR[noise],), "system": systems}
 
 
 PRESETS = {
@@ -61,12 +50,12 @@ PRESETS = {
         "methods": (*OPEN, SDS, ESM, BIRF, UNWEIGHTED, BEST),
         "trials": 20,
         "subtract_mean": True,
-        **_grid(40.0, *ACTUATORS, IMPOSED),
+        **grid(40.0, *ACTUATORS, IMPOSED),
         "also": (
-            _grid(5.0, *ACTUATORS, IMPOSED),
-            _grid(2.0, *ACTUATORS),
-            _grid(5.0, 100.0, stiffness=("square",)),
-            _grid(5.0, 100.0, duration_s=(LONG,)),
+            grid(5.0, *ACTUATORS, IMPOSED),
+            grid(2.0, *ACTUATORS),
+            grid(5.0, 100.0) | {"stiffness": ("square",)},
+            grid(5.0, 100.0) | {"duration_s": (LONG,)},
         ),
     }
 }
@@ -76,9 +65,11 @@ square wave, and a longer record."""
 
 OWN, VAN_DER_HELM = "this package", "van der Helm et al. 2002"
 BIAS, RANDOM, COVERAGE = "mean_bias", "random_error", "coverage"
-SLOW, WIDE, ALL = loops([5.0]), loops([40.0]), loops(SNR)
-LONGER = tuple(scenario(100.0, 5.0, seconds).label for seconds in (LONG, SHORT))
-CLAIMS: tuple[Claim, ...] = (
+VERY_SLOW, SLOW, WIDE = ([each.label for each in sines(noise, *ACTUATORS)] for noise in SNR)
+ALL = VERY_SLOW + SLOW + WIDE
+STIFF = [sines(noise, IMPOSED)[0].label for noise in (5.0, 40.0)]
+LONGER = tuple(sines(5.0, 100.0, duration_s=each)[0].label for each in (LONG, SHORT))
+CLAIMS = (
     claim(
         "Without a reference slow noise (5 Hz, 5 dB) takes over 18 of 100 N·m/rad, whatever the "
         "actuator", "Ludvig and Kearney 2009", Margin(high=-18), BIAS, OPEN[:4], SLOW,
@@ -110,14 +101,14 @@ CLAIMS: tuple[Claim, ...] = (
     claim(
         "Where the angle is imposed a reference costs nothing (random error to within 2 %)", OWN,
         ratio(high=1.02), RANDOM, [(ESM, OPEN[1]), (BIRF, OPEN[2]), (BEST, WEIGHTED)],
-        loops([5.0, 40.0], [IMPOSED]),
+        STIFF,
     ),
     Claim(
         "Weighting by the residual takes 25 % off kbr's random error under slow noise, and adds "
         "less than 6 % under wide-band noise", OWN,
         [
-            (ratio(1 / 0.75), RANDOM, [(UNWEIGHTED, BEST)], loops([2.0, 5.0])),
-            (ratio(1 / 0.75), RANDOM, [(WHITE, WEIGHTED)], loops([5.0], [IMPOSED])),
+            (ratio(1 / 0.75), RANDOM, [(UNWEIGHTED, BEST)], VERY_SLOW + SLOW),
+            (ratio(1 / 0.75), RANDOM, [(WHITE, WEIGHTED)], STIFF[:1]),
             (ratio(1 / 1.06), RANDOM, [(UNWEIGHTED, BEST)], WIDE),
         ],
     ),

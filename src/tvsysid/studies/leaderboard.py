@@ -81,14 +81,6 @@ def study_of(entries: Sequence[object] = (), **changes: Any) -> Study:
     ).replaced(**changes)
 
 
-def commitment(seed: int) -> str:
-    """Return the SHA-256 that is published before its seed.
-
-    Whoever is later given the seed can check that it is the same one.
-    """
-    return hashlib.sha256(f"tvsysid leaderboard {VERSION} seed {seed}".encode()).hexdigest()
-
-
 def errors_of(results: xr.Dataset) -> xr.DataArray:
     """Return the relative error of stiffness, at most 1, (scenario, trial, method_key)."""
     own = results.sel(quantity=MAIN)
@@ -176,6 +168,8 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     scenarios.insert(0, "number", scenarios.index + 1)
     groups = {kind: [each.label for each in every] for kind, every in SCENARIOS.items()}
     table = standings(results, groups)
+    # Whoever is later given the seed can check that it is the same one
+    seed_text = f"tvsysid leaderboard {VERSION} seed {study.seed}"
     write_table(folder / FILES[1], table)
     picture = illustrated(
         leaderboard,
@@ -198,6 +192,6 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
         is_official=study.trials == TRIALS,
         trials=study.trials,
         seed=SEED if study.seed == SEED else None,
-        commitment=commitment(study.seed),
+        commitment=hashlib.sha256(seed_text.encode()).hexdigest(),
     )
     return table

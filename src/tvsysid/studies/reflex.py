@@ -79,7 +79,7 @@ WINDOW = (
     "a tenth suffices."
 )
 KEARNEY, LUDVIG, GUARIN = "Kearney et al. 1997", "Ludvig et al. 2011", "Guarin and Kearney 2017"
-CLAIMS: tuple[Claim, ...] = (
+CLAIMS = (
     claim(
         "Methods of one pathway take a reflex for stiffness", KEARNEY,
         HIGHER, BIAS, ONE_PATH, [CONSTANT[gain] for gain in GAINS],

@@ -113,7 +113,7 @@ ALIKE = "The fluctuations of a virtual participant's torque are the same under e
 EITHER, BOTH = ("noise", "prbs"), [("prbs", "noise")]
 AMOUNTS = [(LESS, MORE)]
 
-CLAIMS: tuple[Claim, ...] = (
+CLAIMS = (
     Claim(
         "Some 255 to 260 of 300 realizations survive (within one standard deviation of the paper's "
         "mean)", "4.4",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.methods import PAPER_METHODS as FIVE
-from tvsysid.studies.claims import HIGHER, HIGHER_RATIO, Claim, Margin, claim, ranked, ratio
+from tvsysid.studies.claims import HIGHER, HIGHER_RATIO, Margin, claim, ranked, ratio
 from tvsysid.studies.published_study import PublishedStudy
 from tvsysid.studies.van_de_ruit_2021.impulse_responses import illustration
 from tvsysid.study.scenarios import Scenario
@@ -54,7 +54,7 @@ RESIDUE = (
 )
 
 VISCOSITIES = ("constant", "covarying")
-PRESETS: dict[str, dict[str, object]] = {
+PRESETS = {
     "quick": {},
     "paper": {
         "methods": FIVE,
@@ -95,7 +95,7 @@ LOWEST_EIRF, HIGHEST_EIRF = ranked("sds birf esm kbr > eirf"), ranked("eirf > sd
 LOWEST_BIRF, HIGHEST_BIRF = ranked("eirf sds esm kbr > birf"), ranked("birf > eirf sds esm kbr")
 BETWEEN, REVERSED = ranked("birf > sds esm kbr > eirf"), ranked("eirf > sds esm kbr > birf")
 
-CLAIMS: tuple[Claim, ...] = (
+CLAIMS = (
     claim("eirf has the lowest bias", "3.4", HIGHER, BIAS, LOWEST_EIRF, SQUARES),
     claim("eirf has the highest random error", "3.4", HIGHER_RATIO, RANDOM, HIGHEST_EIRF, SQUARES),
     claim("eirf has the shortest rise time", "3.4", HIGHER, RISE, LOWEST_EIRF, SQUARES),

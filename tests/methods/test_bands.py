@@ -193,23 +193,13 @@ def test_bands_are_as_wide_as_estimates_scatter(name, perturbation):
     assert lowest < tv.metrics.coverage(bands[:, 0], bands[:, 1], truth) < 98
 
 
-class Mine(tv.Method):
-    """A method of one's own, whose model has the estimates given."""
-
-    def __init__(self, **estimates):
-        self.estimates = estimates
-
-    def fit(self, ensemble):
-        return tv.Model.of(ensemble, estimates=self.estimates)
-
-
 def test_a_model_of_ones_own_may_bring_its_band():
     stiffness, error = np.full(200, 100.0), tv.StandardError(np.full(200, 2.0), 10)
-    mine = Mine(
-        stiffness=tv.Estimate(stiffness, "N m/rad", error=error),
-        viscosity=tv.Estimate(np.ones(200), "N m s/rad"),
-    )
-    model = mine.identify(ensemble_of())
+    estimates = {
+        "stiffness": tv.Estimate(stiffness, "N m/rad", error=error),
+        "viscosity": tv.Estimate(np.ones(200), "N m s/rad"),
+    }
+    model = tv.Model.of(ensemble_of(), estimates=estimates)
     width = 2 * stats.t.ppf(0.75, 10)
     lower, upper = model.estimates["stiffness"].band(0.5)
     np.testing.assert_allclose([lower, upper], [stiffness - width, stiffness + width])

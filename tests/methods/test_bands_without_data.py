@@ -16,12 +16,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
     [
         (
             tv.ShortDataSegments(),
-            1,
-            False,
-            "11 independent samples are too few for 25 lags",
-        ),
-        (
-            tv.ShortDataSegments(),
             7,
             True,
             "66 independent samples are too few for 25 lags",

@@ -2,10 +2,12 @@ import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
+from tests.numerics.test_gaussian import moments_of
 
 import tvsysid as tv
+from tvsysid.methods.kbr import record
+from tvsysid.methods.kbr.kbr import fit
 from tvsysid.methods.kbr.kernel import Kernel
-from tvsysid.methods.kbr.record import moments_of, runs_of
 
 # The paper's settings for its experiment (section 4.2).
 EXPERIMENT = tv.KernelRegression(length_periodic=np.exp(-1), length_decay=30.0, gamma=13.8)
@@ -19,24 +21,6 @@ def test_gaps_are_gaps():
         for method in (tv.KernelRegression(), EXPERIMENT):
             model = method.identify(ensemble.select(kept))
             assert np.abs(model.stiffness - truth).max() < 4
-
-
-def test_a_stiffness_that_drifts_is_followed_by_a_decaying_kernel():
-    def profile(time):
-        return 100 + 30 * np.sin(np.pi * time) + 0.4 * time
-
-    simulation = tv.simulate.Joint(stiffness=profile).simulate(
-        60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=3
-    )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
-    truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
-    model = EXPERIMENT.identify(ensemble)
-    stiffness = model.impedance(ensemble)[..., 0]
-    assert stiffness.shape == truth.shape
-    assert np.sqrt(np.mean((stiffness - truth) ** 2)) < 4
-    np.testing.assert_allclose(model.stiffness, stiffness.mean(axis=0), rtol=1e-9)
-    strict = tv.KernelRegression().identify(ensemble)
-    assert np.sqrt(np.mean((strict.stiffness - truth) ** 2)) > 5
 
 
 def test_offset_and_drift_of_the_torque_go_to_the_external_term():
@@ -82,7 +66,7 @@ def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(profile, p
     for duration in (40.0, 150.0):
         ensemble = ensemble_of(duration, profile, perturbation)
         kernel = Kernel.of(ensemble, 1.0, np.inf)
-        moments = moments_of(runs_of([ensemble], kernel, (0.0, 20.0)), kernel)
+        moments = record.moments_of(record.runs_of([ensemble], kernel, (0.0, 20.0)), kernel)
         scale = tv.KernelRegression()._scale(moments, kernel.columns)
         assert scale == pytest.approx(DEGREE, rel=0.04)
         own, fixed = (
@@ -121,3 +105,18 @@ def test_two_realizations_leave_no_noise_to_find_settings_by():
     two = tv.preprocess.subtract_mean(ensemble_of(40.0, "sine", "noise").select([0, 1]))
     with pytest.raises(tv.InputError, match=r"explained without any noise; give more realizations"):
         tv.KernelRegression().tuned(two)
+
+
+@pytest.mark.parametrize("has_instruments", [False, True])
+def test_the_fit_equals_its_equations(random, has_instruments):
+    x, noise = random.standard_normal((400, 3)) * [1, 100, 0.01], random.standard_normal(400)
+    z = x + has_instruments * 0.3 * random.standard_normal((400, 3)) * [1, 100, 0.01]
+    y = x @ [2, 0.03, 150] + noise
+    precision = np.array([0.0, 1e3, 1e-3])
+    found = fit(moments_of(np.hstack([x, z] if has_instruments else [x]), y), precision)
+    p, s = np.diag(precision), found.noise_variance
+    inverse = np.linalg.inv(z.T @ x + s * p)
+    np.testing.assert_allclose(found.mean, inverse @ z.T @ y, rtol=1e-9)
+    left = y - x @ found.mean
+    assert s == pytest.approx(left @ left / (400 - found.effective), rel=1e-4)
+    np.testing.assert_allclose(found.covariance, s * inverse @ (z.T @ z + s * p) @ inverse.T)

@@ -76,7 +76,7 @@ def test_marginal_likelihood_is_that_of_the_dense_kernel(decay):
 
 
 @pytest.mark.slow
-def test_a_drift_asks_for_a_decay():
+def test_a_drift_asks_for_a_decay_which_follows_it():
     def profile(time):
         return 100 + 30 * np.sin(np.pi * time) + 0.8 * time
 
@@ -87,5 +87,9 @@ def test_a_drift_asks_for_a_decay():
     truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
     tuned = tv.KernelRegression().tuned(ensemble).method
     assert tuned.length_decay < 300
-    stiffness = tuned.identify(ensemble).impedance(ensemble)[..., 0]
+    model = tuned.identify(ensemble)
+    stiffness = model.impedance(ensemble)[..., 0]
     assert np.sqrt(np.mean((stiffness - truth) ** 2)) < 2.5
+    np.testing.assert_allclose(model.stiffness, stiffness.mean(axis=0), rtol=1e-9)
+    strict = tv.KernelRegression().identify(ensemble)
+    assert np.sqrt(np.mean((strict.stiffness - truth) ** 2)) > 5

@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
@@ -47,16 +45,6 @@ def test_regressors_covariances_are_sums_of_products_over_all_samples(random, la
             "jri,kri->jk", signals[:, :, : max(0, count - d)], signals[:, :, d:]
         ) / (3 * count)
         np.testing.assert_allclose(found[d], expected, atol=1e-12)
-
-
-short = st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(2, 60), st.floats(0.0, 0.999)
-
-
-@given(*short)
-def test_no_filter_of_an_autocovariance_has_a_negative_power(seed, realizations, samples, decay):
-    x = coloured(np.random.default_rng(seed), (realizations, samples), decay) + 1e3
-    values = np.linalg.eigvalsh(toeplitz(noise.autocovariance(x, 70)))
-    assert values[0] > -1e-12 * values[-1]
 
 
 def test_an_angle_shorter_than_the_filters_is_continued(random):

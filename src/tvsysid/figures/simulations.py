@@ -104,14 +104,14 @@ def error_against(
     what: str,
     rows: pd.DataFrame,
     title: str = "",
-    error: str = "mean bias of the stiffness (N·m/rad)",
+    error: str = "mean bias (N·m/rad)",
 ) -> Figure:
     """Draw an error over a setting, a line for each method: value ± standard error.
 
     ``what`` varies and which ``error``, with their units; the rows have columns method, size (of
     what varies), value and standard_error.
     """
-    figure, grid = style.panels(1, 1, 4.6, 3.8, title, xlabel=what, ylabels=[error])
+    figure, grid = style.panels(1, 1, 7.4, 4.2, title, xlabel=what, ylabels=[error])
     grid[0, 0].axhline(0, color=style.INK, linestyle="--")
     _draw_errors(grid[0, 0], rows)
     return style.finish(figure)

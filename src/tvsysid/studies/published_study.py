@@ -123,11 +123,10 @@ class PublishedStudy:
             first = rows["size"].drop_duplicates()
             points = bias.assign(size=bias.scenario.map(first)).dropna(subset=["size", "value"])
             if len(first) > 1:
-                label = f"{self.size}, {name}"
-                title = f"Bias of the stiffness against the {label}"
+                title = f"Bias of the stiffness against the {self.size}, {name}"
                 text = "A line for each method, with standard errors."
                 shown[f"bias-{name}"] = illustrated(
-                    error_against, label, points, title=title, text=text
+                    error_against, self.size, points, title=title, text=text
                 )
         return shown | self.further(results)
 

@@ -43,7 +43,9 @@ def not_held_out(monkeypatch):
 
     Other tests have it.
     """
-    monkeypatch.setattr("tvsysid.comparison.Comparison.held_out_vaf", lambda *given, **words: {})
+    monkeypatch.setattr(
+        "tvsysid.comparison.Comparison.predict_held_out", lambda *given, **words: {}
+    )
 
 
 @pytest.fixture

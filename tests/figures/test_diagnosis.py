@@ -6,7 +6,7 @@ from tests.drawing import draw
 from tests.faults import cut, simulated
 
 import tvsysid as tv
-from tvsysid.figures import diagnosis_illustration, diagnosis_panels
+from tvsysid.figures import diagnosis_panels
 from tvsysid.figures.style import PALETTE
 
 
@@ -36,16 +36,6 @@ def test_every_panel_shows_its_curve(diagnosis):
         "(Hz)", "frequency (Hz)", "time within a realization (s)", "time within a realization (s)",
         "realization, as recorded", "lag of the torque (ms)",
     ]  # fmt: skip
-
-
-def test_it_is_told_in_words(diagnosis):
-    told = diagnosis_illustration(diagnosis, "ankle")
-    assert told.title == "Diagnosis of ankle"
-    assert (
-        f"natural frequency of {diagnosis.measures['natural frequency'][0]:.3g} Hz"
-        in told.description
-    )
-    assert "nan" not in told.description
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
-from tvsysid.figures import identified_impedance
+from tvsysid.figures import held_out_prediction, identified_impedance
 from tvsysid.figures.style import lines
 from tvsysid.models import StandardError
 
@@ -139,3 +139,17 @@ def test_a_model_draws_its_stiffness_into_axes_that_are_given(drawn):
     assert model.plot("before training", ax=axes) is axes.figure
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), model.stiffness)
     assert axes.get_title() == "before training"
+
+
+def test_held_out_torque_its_residual_and_the_autocorrelation_within_realizations():
+    random = np.random.default_rng(3)
+    measured = random.normal(size=(40, 200))
+    white = 0.5 * random.normal(size=measured.shape)
+    figure = held_out_prediction(np.stack([measured, measured - white]), 100.0)
+    torque, residual, correlation = figure.axes
+    np.testing.assert_array_equal(torque.lines[0].get_ydata(), measured[:3].ravel())
+    np.testing.assert_allclose(residual.lines[0].get_ydata(), white[:3].ravel())
+    tops = np.array([each[1] for each in correlation.collections[-1].get_segments()])
+    np.testing.assert_allclose(tops[:, 0], np.arange(1, 50) / 100)
+    assert tops[4, 1] == pytest.approx(np.sum(white[:, 5:] * white[:, :-5]) / np.sum(white**2))
+    assert np.mean(np.abs(tops[:, 1]) < 1.96 / np.sqrt(white.size)) > 0.85

@@ -228,7 +228,6 @@ def test_what_does_not_apply_is_skipped_with_the_reason(noisy):
 
 
 def test_what_was_found_is_drawn_above_how_often_there_was_data(noisy, found):
-    assert tv.figures.variable_of({"lpv": found}, noisy) == "scheduling"
     figure = tv.figures.scheduled_estimates({"lpv": found}, noisy, "scheduling")
     drawn = {axes.get_ylabel(): axes for axes in figure.axes}
     line = drawn["scheduled stiffness (N·m/rad)"].lines[0].get_ydata()

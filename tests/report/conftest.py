@@ -101,7 +101,7 @@ def identified():
         tv.preprocess.subtract_mean(ensemble_of(120.0, profile="square")), left_out=2
     )
     found = tv.compare(ensemble, ["eirf", "sds", "adaptive"])
-    held_out = tv.compare(ensemble, ["eirf", "sds"]).held_out_vaf()
+    held_out = tv.compare(ensemble, ["eirf", "sds"]).predict_held_out()
     return attrs.evolve(found, held_out=held_out, diagnosis=tv.diagnose(ensemble))
 
 

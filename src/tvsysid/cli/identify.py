@@ -201,7 +201,7 @@ def _identify_one(
         comparison = with_checks(comparison, prepared, file, reading, advance)
     source = _source(file, reading)
     written = write_folder(
-        out, comparison, source, prepared.corrections, command_line(), options.sheet
+        out, comparison, source, prepared.corrections, command_line(), options.sheet, recording
     )
     _show_impedance(comparison)
     _show_diagnosis(comparison)

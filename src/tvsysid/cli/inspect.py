@@ -110,6 +110,7 @@ def _show_diagnosis(
     from tvsysid.recommendation import recommend
     from tvsysid.recordings import read_recording
     from tvsysid.report import write_diagnosis
+    from tvsysid.report.diagnosis import recording_illustration
 
     repeats = segmentation.period is not None
     if not repeats:
@@ -129,7 +130,8 @@ def _show_diagnosis(
         stem = re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}")
         page = folder / f"{stem}.diagnosis.html"
         name = f"{file.name} ({reading.angle}, {reading.torque})"
-        write_diagnosis(page, {name: diagnosis}, command_line())
+        pictures = {name: recording_illustration(recording, prepared.ensemble)}
+        write_diagnosis(page, {name: diagnosis}, command_line(), pictures)
     say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
     for check in diagnosis.findings:
         say(f"{check.name} ({check.strength})", "bold")

@@ -50,7 +50,7 @@ def with_checks(
         unnamed = tuple(_unnamed_references(prepared, Path(source), reading))
     return attrs.evolve(
         comparison,
-        held_out=comparison.held_out_vaf(progress=progress),
+        held_out=comparison.predict_held_out(progress=progress),
         diagnosis=prepared.diagnose(comparison.inputs.get("reference")),
         unnamed_references=unnamed,
     )

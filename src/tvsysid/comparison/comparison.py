@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from tvsysid.comparison.held_out import held_out_vaf
+from tvsysid.comparison.held_out import predict_held_out
 from tvsysid.methods import Evidence, Method
 from tvsysid.methods.base import Kind
 from tvsysid.metrics import time_varying_vaf, vaf
@@ -51,7 +51,7 @@ class Comparison:
     diagnosis
         Diagnosis of the data with the methods' reference, or the reason why there is none.
     held_out
-        Result of :meth:`held_out_vaf`, if known.
+        Result of :meth:`predict_held_out`, if known.
     unnamed_references
         A sentence for each channel outside the ensemble that moves the angle.
     """
@@ -104,9 +104,14 @@ class Comparison:
         return attrs.evolve(recommended, unnamed_references=unnamed)
 
     @cached_property
+    def held_out_torque(self) -> Mapping[str, Array]:
+        """Measured and predicted torque of held-out realizations: :meth:`predict_held_out`."""
+        return self.predict_held_out() if self.held_out is None else self.held_out
+
+    @cached_property
     def answer(self) -> Answer:
         """Stiffness to report, and its trust. Predicts held-out realizations if necessary."""
-        held_out = self.held_out_vaf() if self.held_out is None else self.held_out
+        held_out = {label: vaf(*each) for label, each in self.held_out_torque.items()}
         return answer(self.ensemble, self.methods, self.models, self.recommendation, held_out)
 
     def __repr__(self) -> str:
@@ -194,10 +199,10 @@ class Comparison:
         )
         return pd.concat([pd.DataFrame(), *map(pd.DataFrame, tables)], ignore_index=True)
 
-    def held_out_vaf(
+    def predict_held_out(
         self, folds: int = FOLDS, *, progress: Progress = no_progress
     ) -> dict[str, Array]:
-        r"""Return the VAF of held-out realizations in %, by label, shape (realization,).
+        r"""Return measured and predicted torque of held-out realizations in N·m, by label.
 
         Each fold holds consecutive realizations of the record. Slow changes thus lower the VAF as
         they would in a new experiment. Each method, with its settings in ``methods``, is fitted to
@@ -206,9 +211,7 @@ class Comparison:
         .. math:: \hat y_r(t) = \bar y(t) + \hat m(\theta_r - \bar\theta)(t) - \overline{\hat m}(t)
 
         If the ensemble's mean was subtracted, the means (bars) are computed again without the
-        held-out realizations. A prediction therefore uses no torque of its realization. The VAF is
-        that of the deviation from the mean, :func:`tvsysid.metrics.vaf` of :math:`y_r - \bar y` and
-        :math:`\hat y_r - \bar y`.
+        held-out realizations. A prediction therefore uses no torque of its realization.
 
         Parameters
         ----------
@@ -221,7 +224,8 @@ class Comparison:
         Returns
         -------
         dict
-            NaN where a method cannot be fitted without the fold, for a single realization, and for
+            :math:`y_r - \bar y` and :math:`\hat y_r - \bar y`, shape (2, realization, time). NaN
+            where a method cannot be fitted without the fold, for a single realization, and for
             two realizations whose mean was subtracted.
 
         Raises
@@ -240,6 +244,15 @@ class Comparison:
         chosen from the data (``tune``) are not chosen again. ``adaptive`` starts from its model
         of all realizations: it keeps the smooth part and the number of switches, and fits
         amplitudes and times again.
+        """
+        return predict_held_out(self.ensemble, self.methods, self.models, folds, progress)
+
+    def held_out_vaf(
+        self, folds: int = FOLDS, *, progress: Progress = no_progress
+    ) -> dict[str, Array]:
+        """Return the VAF of held-out realizations in %, by label, shape (realization,).
+
+        It is :func:`tvsysid.metrics.vaf` of the torques of :meth:`predict_held_out`.
 
         Examples
         --------
@@ -254,7 +267,8 @@ class Comparison:
         >>> {label: int(vaf.mean()) for label, vaf in comparison.held_out_vaf().items()}
         {'eirf': 84, 'sds': 92}
         """
-        return held_out_vaf(self.ensemble, self.methods, self.models, folds, progress)
+        torques = self.predict_held_out(folds, progress=progress)
+        return {label: vaf(*each) for label, each in torques.items()}
 
 
 def _over_time(model: Model) -> list[str]:

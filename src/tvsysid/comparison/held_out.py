@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, describe_error
 from tvsysid.methods import Method, centered_channels
-from tvsysid.metrics import vaf
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
@@ -21,37 +20,38 @@ from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least
 
 
-def held_out_vaf(
+def predict_held_out(
     ensemble: Ensemble,
     methods: Mapping[str, Method],
     models: Mapping[str, Model],
     folds: int,
     progress: Progress,
 ) -> dict[str, Array]:
-    """Return the VAF of each realization by label. See :meth:`tvsysid.Comparison.held_out_vaf`."""
-    at_least(2).check("held_out_vaf", "folds", folds)
-    vafs = {label: np.full(len(ensemble), np.nan) for label in models}
+    """Return torques by label. See :meth:`tvsysid.Comparison.predict_held_out`."""
+    at_least(2).check("predict_held_out", "folds", folds)
+    shape = 2, len(ensemble), ensemble.samples
+    torques = {label: np.full(shape, np.nan) for label in models}
     if len(ensemble) < 2 + ensemble.mean_subtracted:
-        return vafs  # a single realization less its mean is zero
+        return torques  # a single realization less its mean is zero
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
     failed: dict[str, str] = {}
     with single_thread():
         for number, (part, label) in enumerate(product(parts, models)):
             progress(number, len(parts) * len(models))
             try:
-                vafs[label][part] = _held_out(ensemble, part, methods[label], models[label])
+                torques[label][:, part] = _held_out(ensemble, part, methods[label], models[label])
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed.setdefault(label, describe_error(error))
     for label, reason in failed.items():
         text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
         warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
-    return vafs
+    return torques
 
 
 def _held_out(
     ensemble: Ensemble, held_out: NDArray[np.int64], method: Method, model: Model
 ) -> Array:
-    """Return the VAF of realizations by a fit to the others.
+    """Return measured torque of realizations, and that predicted by a fit to the others.
 
     ``model`` is the method's model of all realizations.
     """
@@ -70,4 +70,4 @@ def _held_out(
         # The fit to all realizations has warned already.
         warnings.simplefilter("ignore", DataQualityWarning)
         predicted = deviation(method.refit(given.select(kept), model).predict(given))
-    return vaf(measured, predicted[held_out])
+    return np.stack([measured, predicted[held_out]])

@@ -1,12 +1,11 @@
 # What the package offers; read by type checkers, and by lazy_loader when a name is first used.
-from .diagnosis import diagnosis_illustration as diagnosis_illustration
 from .diagnosis import diagnosis_panels as diagnosis_panels
 from .identification import draw_quantity as draw_quantity
+from .identification import held_out_prediction as held_out_prediction
 from .identification import identified_impedance as identified_impedance
 from .identification import identified_quantity as identified_quantity
 from .identification import scheduled_estimates as scheduled_estimates
 from .identification import tuning_curves as tuning_curves
-from .identification import variable_of as variable_of
 from .objects import plot as plot
 from .participants import error_against_truth as error_against_truth
 from .participants import participant_in_detail as participant_in_detail

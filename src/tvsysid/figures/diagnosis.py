@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tvsysid.figures import style
-from tvsysid.figures.saving import Illustration
 from tvsysid.numerics import Array
 from tvsysid.quality import Curves, Diagnosis
 
@@ -39,16 +37,17 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     powers = {"torque": curves.torque_power, "left by the model": curves.residual_power}
     _draw_spectra(torque, curves.frequency, powers)
     _draw_coherence(coherence, curves)
-    for values, label, line in zip(
-        curves.stiffness_halves, ("first half", "second half"), ("-", "--"), strict=True
-    ):
-        halves.plot(curves.time, values, line, label=label)
+    first, second = curves.stiffness_halves
+    halves.plot(curves.time, first, label="first half")
+    halves.plot(curves.time, second, "--", label="second half")
     halves.axhline(0.0, color=style.INK, linewidth=0.8)
     realizations.axhline(1.0, color=style.INK, linewidth=0.8)
     realizations.plot(curves.stiffness, "o", color=BLUE, markersize=2.5, label="stiffness")
     realizations.plot(curves.noise, "^", color=RED, markersize=2.5, label="noise")
     realizations.set_ylim(bottom=0.0)
-    _draw_correlations(lags, curves)
+    with_angle, with_speed = curves.correlation
+    correlations = {"with angle": with_angle, "with speed": with_speed}
+    draw_correlations(lags, 1000 * curves.lag, correlations, float(curves.chance))
     labels = [
         ("input: power of the angle", "frequency (Hz)", "rad²/Hz"),
         ("output: power of the torque", "frequency (Hz)", "(N·m)²/Hz"),
@@ -64,24 +63,19 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     return figure
 
 
-def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
-    """Return the six pictures of a diagnosis with a title and a description."""
-    value, unit = diagnosis.measures["natural frequency"]
-    text = (
-        "Power of the angle over frequency, and the band from "
-        f"{LOWEST:g} Hz to the joint's natural frequency of {value:.3g} {unit}. Power of the "
-        "torque, and of what stiffness, viscosity and inertia leave of it. Coherence of torque and "
-        "angle over time and frequency. Stiffness over time in the first and the second half of "
-        "the experiment. Stiffness and noise of each realization over their median. Correlation of "
-        "the torque left over with the angle and with the speed; by chance 95 % of them lie in "
-        "the grey band. What is beyond it at positive lags is a reflex, a slow answer or a delay, "
-        "at negative ones feedback. The tables have the numbers."
-    )
-    draw = partial(diagnosis_panels, diagnosis, name)
-    return Illustration(draw, f"Diagnosis of {name}", text)
+def draw_correlations(
+    axes: Axes, lag: Array, correlations: Mapping[str, Array], chance: float
+) -> None:
+    """Draw correlations over lags, and the limits within which 95 % are by chance."""
+    axes.axhspan(-chance, chance, color=style.INK, alpha=0.15, linewidth=0, label="95 % by chance")
+    axes.axhline(0, color=style.INK, linewidth=0.6)
+    for number, (label, values) in enumerate(correlations.items()):
+        beside = lag + 0.4 * number * (lag[1] - lag[0])
+        axes.vlines(beside, 0, values, color=style.PALETTE[number], linewidth=1.2, label=label)
+    axes.margins(0.02, 0.3)
 
 
-def _draw_spectra(axes: Axes, frequency: Array, powers: dict[str, Array]) -> None:
+def _draw_spectra(axes: Axes, frequency: Array, powers: Mapping[str, Array]) -> None:
     """Draw powers where they are positive, over logarithmic axes."""
     for label, power in powers.items():
         shown = (frequency > 0) & (frequency <= HIGHEST) & (power > DYNAMIC_RANGE * power.max())
@@ -94,26 +88,11 @@ def _draw_spectra(axes: Axes, frequency: Array, powers: dict[str, Array]) -> Non
 
 def _draw_coherence(axes: Axes, curves: Curves) -> None:
     axes.grid(visible=False)
-    shown = (curves.coherence_frequency > 0) & (curves.coherence_frequency <= HIGHEST)
-    if not len(curves.coherence) or not shown.any():
+    if not curves.coherence.size:
         style.remark(axes, "realizations too short")
         return
-    time, frequency = curves.coherence_time, curves.coherence_frequency[shown]
+    edges = curves.coherence_time, curves.coherence_frequency
     look: dict[str, Any] = {"vmin": 0, "vmax": 1, "cmap": "cividis", "rasterized": True}
-    mesh = axes.pcolormesh(time, frequency, curves.coherence[:, shown].T, **look)
+    mesh = axes.pcolormesh(*edges, curves.coherence.T, **look)
+    axes.set_ylim(0, HIGHEST)
     axes.figure.colorbar(mesh, ax=axes, label="coherence")
-
-
-def _draw_correlations(axes: Axes, curves: Curves) -> None:
-    """Draw two combs side by side.
-
-    A joint of second order that is moved from outside leaves both within the limits.
-    """
-    lag, limit = 1000 * curves.lag, float(curves.chance)
-    axes.axhspan(-limit, limit, color=style.INK, alpha=0.15, linewidth=0, label="chance")
-    axes.axvline(0, color=style.INK, linewidth=0.6)
-    step, (angle, speed) = lag[1] - lag[0], curves.correlation
-    axes.vlines(lag - 0.15 * step, 0, angle, color=BLUE, linewidth=1.2, label="with angle")
-    axes.vlines(lag + 0.25 * step, 0, speed, color=RED, linewidth=1.2, label="with speed")
-    highest = max(float(np.abs(curves.correlation).max()), 3 * limit)
-    axes.set_ylim(-1.1 * highest, 1.5 * highest)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.figures import style
+from tvsysid.figures.diagnosis import draw_correlations
 from tvsysid.figures.words import unit_name, wrapped
 from tvsysid.methods import Evidence
 from tvsysid.models import IMPEDANCE, Model
@@ -20,6 +21,8 @@ from tvsysid.numerics.bands import mean_known
 from tvsysid.signals import Ensemble
 
 BINS = 40
+HELD_OUT_S = 6.0  # of held-out realizations that are drawn
+MAX_LAG_S = 0.5
 
 
 @style.styled
@@ -118,10 +121,38 @@ def _lines(models: Mapping[str, Model]) -> dict[str, dict[str, Any]]:
     return {label: look | (faint if place else first) for place, (label, look) in enumerate(looks)}
 
 
-def variable_of(models: Mapping[str, Model], ensemble: Ensemble) -> str:
-    """Name the first channel that a model estimates something over; nothing if there is none."""
-    axes = [estimate.axes for model in models.values() for estimate in model.estimates.values()]
-    return next((over[0] for over in axes if len(over) == 1 and over[0] in ensemble.channels), "")
+@style.styled
+def held_out_prediction(torques: Array, sampling_rate: float, title: str = "") -> Figure:
+    """Draw measured and predicted torque of held-out realizations, and their difference.
+
+    The autocorrelation of the difference, over lags within a realization, stands below. That of
+    white noise is within the limits at 95 % of the lags.
+
+    Parameters
+    ----------
+    torques
+        Measured and predicted torque in N·m, shape (2, realization, time), as of
+        :meth:`tvsysid.Comparison.predict_held_out`. Six seconds of them are drawn.
+    """
+    residual, samples = torques[0] - torques[1], torques.shape[-1]
+    labels = ["torque (N·m)", "residual (N·m)", "autocorrelation\nof the residual"]
+    figure, grid = style.panels(3, 1, 9.0, 6.0, title, ylabels=labels)
+    above, middle, below = grid[:, 0]
+    count = max(1, round(HELD_OUT_S * sampling_rate / samples))
+    measured, predicted, rest = (each[:count].ravel() for each in (*torques, residual))
+    time = np.arange(len(rest)) / sampling_rate
+    above.plot(time, measured, color=style.TARGET, linewidth=0.8, label="measured")
+    above.plot(time, predicted, color=style.PALETTE[1], linewidth=0.8, label="predicted")
+    middle.plot(time, rest, color=style.INK, linewidth=0.8)
+    middle.set_xlabel("time, realizations in a row (s)")
+    lags = np.arange(1, min(samples, round(MAX_LAG_S * sampling_rate)))
+    known = np.nan_to_num(residual)
+    products = [np.vdot(known[:, lag:], known[:, :-lag]) for lag in lags]
+    chance = 1.96 / np.sqrt(np.isfinite(residual).sum())
+    correlations = {"": np.array(products) / np.vdot(known, known)}
+    draw_correlations(below, lags / sampling_rate, correlations, float(chance))
+    below.set_xlabel("lag (s)")
+    return style.finish(figure)
 
 
 @style.styled

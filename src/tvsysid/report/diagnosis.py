@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from tvsysid.errors import InputError
-from tvsysid.figures import diagnosis_illustration, draw_all
+from tvsysid.figures import Illustration, diagnosis_panels, draw_all, recorded_signals
+from tvsysid.figures.diagnosis import LOWEST
 from tvsysid.quality import Diagnosis
 from tvsysid.report.page import render
+from tvsysid.signals import Ensemble, Recording
+from tvsysid.study.prepared import excerpt
 
 
 def write_diagnosis(
     path: str | Path,
     diagnoses: Mapping[str, Diagnosis],
     command: str = "",
+    recordings: Mapping[str, Illustration] = MappingProxyType({}),
 ) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
 
@@ -26,6 +32,8 @@ def write_diagnosis(
         Of :func:`tvsysid.diagnose`, by the names of the ensembles.
     command
         What was typed, if it is to be mentioned.
+    recordings
+        Pictures of the recordings, by the names of their ensembles.
 
     Raises
     ------
@@ -35,11 +43,39 @@ def write_diagnosis(
     if not diagnoses:
         raise InputError("write_diagnosis: expected diagnoses by name, got none")
     drawn = {name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}
-    pictures = draw_all(drawn)
     render(
         path,
         "diagnosis.html",
         diagnoses=diagnoses,
-        pictures=pictures,
+        pictures=draw_all(drawn),
+        recordings=draw_all(recordings),
         command=command,
     )
+
+
+def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
+    """Return the six pictures of a diagnosis with a title and a description."""
+    value, unit = diagnosis.measures["natural frequency"]
+    text = (
+        "Power of the angle over frequency, and the band from "
+        f"{LOWEST:g} Hz to the joint's natural frequency of {value:.3g} {unit}. Power of the "
+        "torque, and of what stiffness, viscosity and inertia leave of it. Coherence of torque and "
+        "angle over time and frequency. Stiffness over time in the first and the second half of "
+        "the experiment. Stiffness and noise of each realization over their median. Correlation of "
+        "the torque left over with the angle and with the speed; by chance 95 % of them lie in "
+        "the grey band. What is beyond it at positive lags is a reflex, a slow answer or a delay, "
+        "at negative ones feedback. The tables have the numbers."
+    )
+    draw = partial(diagnosis_panels, diagnosis, name)
+    return Illustration(draw, f"Diagnosis of {name}", text)
+
+
+def recording_illustration(recording: Recording, ensemble: Ensemble) -> Illustration:
+    """Return some seconds of a recording with the starts of the realizations in it."""
+    part, onsets = excerpt(recording), ensemble.onsets[ensemble.trials == ensemble.trials.min()]
+    text = (
+        f"Angle and torque as recorded, {part.duration:.3g} s of {recording.duration:.4g} s. "
+        "Vertical lines: where realizations start."
+    )
+    draw = partial(recorded_signals, {"": part}, onsets=onsets)
+    return Illustration(draw, "Recording and its realizations", text)

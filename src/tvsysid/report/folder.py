@@ -9,11 +9,13 @@ import attrs
 
 from tvsysid.comparison import Comparison
 from tvsysid.errors import printable
-from tvsysid.figures import save, scheduled_estimates, tuning_curves, variable_of
+from tvsysid.figures import save, tuning_curves
 from tvsysid.figures.words import count
 from tvsysid.recordings import write_models, write_table
+from tvsysid.report.diagnosis import recording_illustration
 from tvsysid.report.identification import illustrations, write_identification
 from tvsysid.report.sheet import facts, group_name, write_sheet
+from tvsysid.signals import Recording
 
 
 def write_folder(
@@ -23,6 +25,7 @@ def write_folder(
     corrections: Sequence[str] = (),
     command: str = "",
     sheet: bool = False,
+    recording: Recording | None = None,
 ) -> list[str]:
     """Write all that ``tvsysid identify`` writes.
 
@@ -38,6 +41,8 @@ def write_folder(
         Command that was typed, for the page.
     sheet
         Whether to write ``sheet.html``, one page of A4.
+    recording
+        Recording to draw on the page.
 
     Returns
     -------
@@ -47,6 +52,8 @@ def write_folder(
     title = printable(_title(found, source))
     tables = {"stiffness": found.over_time()}
     on_page = illustrations(found)
+    if recording is not None:
+        on_page["recording"] = recording_illustration(recording, found.ensemble)
     stem = "methods" if "methods" in on_page else "answer"
     impedance = on_page[stem].draw()
     impedance.suptitle(title)
@@ -54,10 +61,8 @@ def write_folder(
     figures = {"stiffness": impedance}
     if not (over_variables := found.over_variables()).empty:
         tables["scheduled"] = over_variables
-        if variable := variable_of(found.models, found.ensemble):
-            figures["scheduled"] = scheduled_estimates(
-                found.models, found.ensemble, variable, title
-            )
+    if "variable" in on_page:
+        figures["scheduled"] = on_page["variable"].draw()
     if found.evidence:
         import pandas as pd  # noqa: PLC0415  # heavy
 

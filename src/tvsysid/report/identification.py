@@ -15,9 +15,9 @@ from tvsysid.errors import by_text
 from tvsysid.figures import (
     Illustration,
     draw_all,
+    held_out_prediction,
     identified_impedance,
     scheduled_estimates,
-    variable_of,
 )
 from tvsysid.methods.base import Method
 from tvsysid.methods.references import bibliography, cited
@@ -99,9 +99,10 @@ def write_identification(
 
 
 def illustrations(found: Comparison) -> dict[str, Illustration]:
-    """Return the answer, estimates over a variable, and a comparison if methods are several."""
-    answer, variable = found.answer, variable_of(found.models, found.ensemble)
-    vaf = found.time_varying_vaf
+    """Return the answer, estimates over a variable, all methods if several, and predictions."""
+    answer, vaf, over = found.answer, found.time_varying_vaf, found.over_variables()
+    channels = found.ensemble.channels
+    variable = next((name for name in over.get("variable", ()) if name in channels), "")
     below = ", and the time-varying VAF" if vaf else ""
 
     def impedance(whose: str, labels: list[str], spread: ArrayLike = np.nan) -> Illustration:
@@ -124,6 +125,16 @@ def illustrations(found: Comparison) -> dict[str, Illustration]:
             drawn["variable"] = Illustration(draw, f"Estimates over {variable}", text)
     if not drawn or len(found.models) > 1:
         drawn["methods"] = impedance("by all methods", list(found.models))
+    torques = found.held_out_torque.get(answer.label)
+    if torques is not None and np.isfinite(torques).any():
+        draw = partial(held_out_prediction, torques, found.ensemble.sampling_rate)
+        text = (
+            "Measured torque, deviation from the mean over realizations, and that predicted from "
+            "the other realizations; their difference; and its autocorrelation. What is beyond the "
+            "band is predictable and not predicted: noise that is not white, or what the model "
+            "leaves out."
+        )
+        drawn["held-out"] = Illustration(draw, f"Torque predicted by {answer.label}", text)
     return drawn
 
 

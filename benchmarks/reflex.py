@@ -224,7 +224,7 @@ def trial(case: Case, method: str, duration: float, seed: int) -> Outcome:
     true = {name: torque[:, ensemble.core] for name, torque in true.items()}
     shares = {name: vaf(torque, found[name]) for name, torque in true.items() if name in found}
     shares["all"] = vaf(np.sum(list(true.values()), axis=0), np.sum(list(found.values()), axis=0))
-    shown = model.diagnostics.details.get("reflex_shown", math.nan)
+    shown = model.diagnostics.details.get("reflex_detected", math.nan)
     return Outcome(
         errors,
         held,

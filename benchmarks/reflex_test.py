@@ -74,7 +74,7 @@ ENOUGH = 0.95  # share of the draws in which a reflex that must be shown is
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="How often a reflex is shown.")
+    parser = argparse.ArgumentParser(description="How often a reflex is detected.")
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--first", type=int, default=5000, help="seed of the first draw")
     parser.add_argument("--data", type=Path, help="folder of tonic_ankle.mat")

@@ -105,7 +105,7 @@ def test_tonic_stiffness_without_its_reflex(recordings_folder, muscle, key):
     lower, upper = model.estimates["stiffness"].band()
     assert lower.mean() < expected < upper.mean()
     details = model.diagnostics.details
-    assert details["reflex_shown"] == 1
+    assert details["reflex_detected"] == 1
     if key == "cascade":
         assert (upper - lower).mean() < 16
         assert details["direction"] == 1
@@ -138,7 +138,7 @@ def test_walking_stiffness_without_its_reflex(walking, key):
     held, response = model.diagnostics.warnings
     assert "holds stiffness at 0 at 0.8" in held
     assert "the intrinsic response is not" in response
-    assert model.diagnostics.details["reflex_shown"] == 1
+    assert model.diagnostics.details["reflex_detected"] == 1
     if key == "cascade":
         assert model.diagnostics.details["vaf_held_out"] > 95.5  # 96.0 if signs were free
         assert 25 < model.stiffness.mean() < 32

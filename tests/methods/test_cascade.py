@@ -171,7 +171,7 @@ def test_evidence_is_that_of_the_samples_and_limits_are_kept(random):
 @pytest.mark.parametrize("wave", ["constant", "ramp"])
 def test_slow_noise_hides_no_change_and_makes_none(wave):
     (angle, torque), _ = imposed(wave, "noise", "pink", 5.0, 0)
-    with pytest.warns(tv.DataQualityWarning, match="no reflex is shown"):
+    with pytest.warns(tv.DataQualityWarning, match="no reflex is detected"):
         model = tv.JointCascade().identify(ensemble_of(angle, torque))
     assert model.diagnostics.details["constant"] == (wave == "constant")
 
@@ -184,7 +184,7 @@ def test_both_pathways_are_found(case):
     model = tv.JointCascade().identify(ensemble)
     details = model.diagnostics.details
     assert model.diagnostics.warnings == ()
-    assert (details["reflex_shown"], details["direction"]) == (1, -1 if case == "N" else 1)
+    assert (details["reflex_detected"], details["direction"]) == (1, -1 if case == "N" else 1)
     # The error of stiffness by sds is 55.
     for name, largest_mean, largest in (("stiffness", 4.0, 5.0), ("reflex_gain", 0.5, 1.0)):
         error = model.over_time(name) - truth[name]
@@ -214,9 +214,9 @@ def test_a_constant_fit_of_a_joint_that_changes_is_said_to_be_one():
 
 def test_no_reflex_is_invented():
     ensemble, truth = simulated("C", 40)
-    with pytest.warns(tv.DataQualityWarning, match="cascade: no reflex is shown"):
+    with pytest.warns(tv.DataQualityWarning, match="cascade: no reflex is detected"):
         model = tv.JointCascade().identify(ensemble)
-    assert model.diagnostics.details["reflex_shown"] == 0
+    assert model.diagnostics.details["reflex_detected"] == 0
     np.testing.assert_array_equal(model.pathways(ensemble)["reflex"][:, 45:], 0)
     np.testing.assert_allclose(model.stiffness, truth["stiffness"], atol=2.0)
     lower, upper = model.estimates["reflex_gain"].band(0.999)
@@ -228,7 +228,7 @@ def test_no_reflex_is_invented():
 def test_emg_drives_the_reflex():
     ensemble, truth = simulated("A", 40)
     model = tv.JointCascade(emg="emg").identify(ensemble)
-    assert model.diagnostics.details["reflex_shown"] == 1
+    assert model.diagnostics.details["reflex_detected"] == 1
     # Half the bias of sds: noise of the electrode is no drive
     assert abs(np.mean(model.stiffness - truth["stiffness"])) < 15
     assert model.estimates["reflex_gain"].unit == "N m/V"

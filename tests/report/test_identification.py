@@ -173,7 +173,7 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
             "reflex_gain": tv.Estimate(values, "N m s/rad", error=error),
         }
         diagnostics = attrs.evolve(
-            model.diagnostics, details=model.diagnostics.details | {"reflex_shown": shown}
+            model.diagnostics, details=model.diagnostics.details | {"reflex_detected": shown}
         )
         models = {
             **found.models,

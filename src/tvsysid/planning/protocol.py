@@ -149,7 +149,7 @@ class Protocol:
         """Identify a pilot's ensemble by ``adaptive``, to simulate more of the same.
 
         The noise is the torque that the model does not explain. Noise and angle get the mean
-        spectra of the realizations. A reflex that is shown is simulated with the muscle of
+        spectra of the realizations. A reflex that is detected is simulated with the muscle of
         :class:`tvsysid.simulate.StretchReflex`.
 
         Raises

@@ -348,4 +348,4 @@ def has_one_pathway(method: Method, model: Model) -> bool:
 
 def is_reflex_detected(model: Model) -> bool:
     """Return whether the data support the reflex pathway of a model."""
-    return bool(model.diagnostics.details.get("reflex_shown", True))
+    return bool(model.diagnostics.details.get("reflex_detected", True))

@@ -100,7 +100,7 @@ class AdaptiveRegression(base.Method):
     than four realizations.
 
     The diagnostics' ``details`` hold the probabilities that stiffness and viscosity are constant or
-    have a smooth part. ``periodic`` is 1 if stiffness was periodic, ``reflex_shown`` is 1 if the
+    have a smooth part. ``periodic`` is 1 if stiffness was periodic, ``reflex_detected`` is 1 if the
     data show a reflex, and otherwise 0.
 
     References
@@ -129,7 +129,7 @@ class AdaptiveRegression(base.Method):
     )
     differs = (
         "How fast stiffness changes is found from the data, and the band covers how uncertain that "
-        "is; the torque of a reflex that is shown is not included in the stiffness."
+        "is; the torque of a reflex that is detected is not included in the stiffness."
     )
 
     @property
@@ -213,7 +213,7 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
 
 
 def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) -> AdaptiveModel:
-    """Return the model with the posterior of stiffness, and of viscosity if no reflex is shown."""
+    """Return the model with the posterior of stiffness, and of viscosity if there is no reflex."""
     ensemble, signals, times = free.ensemble, free.signals, free.axis.times
     rate, reflex = ensemble.sampling_rate, signals.reflex
     pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
@@ -221,7 +221,7 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) 
         np.array((signals.independent - 1.0) * each - 2) for each in (pooled, times)
     )
     estimates = {} if reflex is None else dict(reflex.estimates)
-    details = {"periodic": float(free.axis.periodic), "reflex_shown": float(reflex is not None)}
+    details = {"periodic": float(free.axis.periodic), "reflex_detected": float(reflex is not None)}
     for quantity, posterior in found.items():
         weights, means, variances = posterior.mixture
         means = np.maximum(means, 0.0) if quantity == "viscosity" else means

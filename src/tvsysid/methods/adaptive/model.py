@@ -88,7 +88,7 @@ class AdaptiveModel(Model):
 
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta
 
-    ``switches`` are those of a probability of 5 % and more. Where a reflex is shown, ``reflex`` is
+    ``switches`` are those of a probability of 5 % and more. If a reflex is detected, ``reflex`` is
     the model with its pathway and the intrinsic response, which includes stiffness and viscosity.
     ``hypotheses`` are the models that were averaged, by quantity, the most probable first.
     """

@@ -84,7 +84,7 @@ class JointCascade(TwoPathwayMethod):
 
     A test on held-out realizations (:func:`tvsysid.methods.cascade.reflex_test.reflex_test_of`)
     decides whether there is a reflex, and in which direction of stretch s. With fewer than eight
-    realizations, none is shown. Where no reflex is shown, the model has none, and the band of
+    realizations, none is shown. Where no reflex is detected, the model has none, and the band of
     ``reflex_gain`` says how large a gain the data allow. EMG always drives a reflex.
 
     Viscosity, the reflex gain of stretch and their bands are never negative. Stiffness keeps one
@@ -98,7 +98,7 @@ class JointCascade(TwoPathwayMethod):
     Fourier series rounds off, the truth lies outside.
 
     The diagnostics' ``details`` hold the shape with standard errors; ``direction``;
-    ``reflex_shown`` and ``constant``, 1 or 0; the explained share of the torque in per cent
+    ``reflex_detected`` and ``constant``, 1 or 0; the explained share of the torque in per cent
     (``vaf``, ``vaf_intrinsic``, ``vaf_reflex``; the last two need not add up), and that of held-out
     torque (``vaf_held_out``, by thirds of the realizations, in turn); ``stiffness_fitted``, the
     mean stiffness of the second-order fit.
@@ -144,7 +144,7 @@ class JointCascade(TwoPathwayMethod):
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
-        if isinstance(model, JointCascadeModel) and model.diagnostics.details["reflex_shown"]:
+        if isinstance(model, JointCascadeModel) and model.diagnostics.details["reflex_detected"]:
             return model_of(repr(self), self.search(ensemble).refit(model.hyperparameters))
         return self.identify(ensemble)
 
@@ -261,7 +261,7 @@ def _estimate(fit: Fit, unit: str, features: Array, limited: bool, start: int = 
 def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     """Return the weights (time, lag) of the reflex's drive, and the lags in s.
 
-    The weights are zero if no reflex is shown.
+    The weights are zero if no reflex is detected.
     """
     ensemble, fit, data = selection.search.ensemble, selection.fit, selection.fit.data
     delay, max_lag = fit.shape[DELAY], max(round(MAX_REFLEX_LAG_S * data.rate), ensemble.context)
@@ -281,7 +281,7 @@ def _details(selection: Selection) -> dict[str, float]:
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[fit.free]
-    details = {"reflex_shown": float(shown), "constant": float(not used.data.varies)}
+    details = {"reflex_detected": float(shown), "constant": float(not used.data.varies)}
     details |= dict(zip(NUMBERS, values.tolist(), strict=True))
     details |= {f"{NUMBERS[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
     if search.emg is None:
@@ -310,7 +310,7 @@ def _warnings(
         )
     if not selection.shown:
         yield (
-            "no reflex is shown by these data: stiffness, viscosity and inertia are those of a "
+            "no reflex is detected in these data: stiffness, viscosity and inertia are those of a "
             "joint without one, and reflex_gain with its band is what the data leave room for"
         )
         return

@@ -162,7 +162,7 @@ class Search:
         return Selection(self, direction, False, self._limited(usual), self._limited(none))
 
     def refit(self, known: Hyperparameters) -> Selection:
-        """Return the fit with known hyperparameters, of a reflex that is shown."""
+        """Return the fit with known hyperparameters, of a reflex that is detected."""
         data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
         drive = self._driven(known.direction)
         fit = Fit(data, drive, known.shape, [], known.parameters, known.positive)

@@ -33,7 +33,7 @@ def test_benchmark(benchmark, tvsysid, tmp_path, request):
     assert set(table.method) == {"sds", "esm:window=0.4"}
     assert xr.load_dataset(folder / "results.nc").estimate.sizes["trial"] == 2
     figures = {file.name for file in (folder / "figures").iterdir()}
-    assert {"comparison-square-noise.png", "coverage-square-noise.svg"} <= figures
+    assert {"comparison-square-noise.png", "comparison-square-noise.svg"} <= figures
     page = (folder / "report.html").read_text()
     assert f"tvsysid benchmark {words} --workers 1" in page
     tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv")}

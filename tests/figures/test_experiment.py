@@ -9,7 +9,6 @@ ALL = [
     "participants",
     "participant",
     "variance-and-spread",
-    "error-against-truth",
     "recorded-signals",
     "preparation",
 ]

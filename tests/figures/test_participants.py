@@ -8,7 +8,6 @@ from tests.experimental import METHODS, experiment_of, fail, results_of, summary
 
 from tvsysid import InputError
 from tvsysid.figures import (
-    error_against_truth,
     participant_in_detail,
     stiffness_of_participants,
     variance_and_spread,
@@ -180,30 +179,12 @@ def test_bars_whiskers_and_dots_are_the_participants(experiment):
 
 
 @pytest.mark.slow
-def test_error_over_time(experiment, results):
-    figure = error_against_truth(results, "Error")
-    draw(figure)
-    grid = np.array(figure.axes).reshape(2, 5)
-    assert grid[1, 0].get_ylabel() == "PRBS\nestimate − truth\n(N·m/rad)"
-    zero, mean = grid[1, 2].lines
-    assert set(zero.get_ydata()) == {0}
-    cells = results.sel(quantity="stiffness", recording=["P1-prbs", "P2-prbs", "P3-prbs"])
-    off = (cells.estimate.sel(analysis="birf-75").mean("bootstrap") - cells.truth).values
-    np.testing.assert_allclose(mean.get_ydata(), off.mean(axis=0))
-    assert np.mean(mean.get_ydata()) == pytest.approx(METHODS["birf"][0], abs=3)
-    top = grid[1, 2].collections[0].get_paths()[0].vertices[:, 1].max()
-    assert top == pytest.approx((off.mean(axis=0) + 2 * off.std(axis=0, ddof=1)).max())
-
-
-@pytest.mark.slow
-def test_errors_of_a_method_that_failed_and_of_people_whose_truth_is_known():
+def test_bars_of_a_method_that_failed_and_of_people_whose_truth_is_known():
     results = fail(results_of(methods=("sds", "esm")), "no", analysis="esm-75")
     results["truth"][results.participant.values == "P2"] = np.nan
-    figures = error_against_truth(results), variance_and_spread(summary_of(results))
-    for figure in figures:
-        draw(figure)
-    assert [texts(axes) for axes in figures[0].axes] == [[], ["no estimate"]] * 2
-    heights = [bar.get_height() for bar in figures[1].axes[0].patches]
+    figure = variance_and_spread(summary_of(results))
+    draw(figure)
+    heights = [bar.get_height() for bar in figure.axes[0].patches]
     assert np.isnan(heights).tolist() == [False, False, True, False]
 
 

@@ -10,10 +10,8 @@ def test_all_figures_of_a_study():
     results = results_of(methods=("sds", "kbr"))
     shown = STUDY.figures(results, summary_of(results))
     assert list(shown) == [
-        "comparison-square-noise", "coverage-square-noise",
-        "comparison-square-prbs", "coverage-square-prbs",
-        "comparison-sine-noise", "coverage-sine-noise",
-        "comparison-sine-prbs", "coverage-sine-prbs", "impulse-responses",
+        "comparison-square-noise", "comparison-square-prbs",
+        "comparison-sine-noise", "comparison-sine-prbs", "impulse-responses",
     ]  # fmt: skip
     for illustration in shown.values():
         figure = illustration.draw()
@@ -41,7 +39,7 @@ NOISES = [("constant", "noise", 40.0, snr) for snr in (0.0, 10.0, float("inf"))]
 def test_what_a_study_has_decides_on_its_figures(scenarios, stems):
     results = results_of(scenarios, ("sds", "esm"), trials=2)
     first, *others = stems
-    expected = [f"comparison-{first}", f"coverage-{first}", *others]
+    expected = [f"comparison-{first}", *others]
     assert list(STUDY.figures(results, summary_of(results))) == expected
 
 
@@ -55,8 +53,6 @@ def test_one_perturbation_and_several_noises_are_drawn():
 def test_covarying_viscosity_has_figures_of_its_own():
     results = results_of(SINE, ("sds", "esm"), trials=2, viscosity="covarying")
     shown = STUDY.figures(results, summary_of(results))
-    kinds = "comparison", "coverage"
-    expected = [f"{kind}-sine-covarying-{p}" for p in ("noise", "prbs") for kind in kinds]
-    assert list(shown) == expected
+    assert list(shown) == [f"comparison-sine-covarying-{p}" for p in ("noise", "prbs")]
     for each in shown.values():
         assert "viscosity that varies with stiffness" in each.title

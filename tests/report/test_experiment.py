@@ -21,7 +21,6 @@ def test_figures_are_inside_in_order_with_their_descriptions(elements):
         "participants",
         "participant",
         "variance-and-spread",
-        "error-against-truth",
         "recorded-signals",
         "preparation",
     ]

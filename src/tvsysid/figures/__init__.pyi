@@ -7,7 +7,6 @@ from .identification import identified_quantity as identified_quantity
 from .identification import scheduled_estimates as scheduled_estimates
 from .identification import tuning_curves as tuning_curves
 from .objects import plot as plot
-from .participants import error_against_truth as error_against_truth
 from .participants import participant_in_detail as participant_in_detail
 from .participants import stiffness_of_participants as stiffness_of_participants
 from .participants import variance_and_spread as variance_and_spread
@@ -24,7 +23,6 @@ from .saving import drawn as drawn
 from .saving import save as save
 from .simulations import METRICS as METRICS
 from .simulations import METRICS_OF_PATHWAYS as METRICS_OF_PATHWAYS
-from .simulations import coverage_over_time as coverage_over_time
 from .simulations import error_against as error_against
 from .simulations import impulse_responses as impulse_responses
 from .simulations import method_comparison as method_comparison

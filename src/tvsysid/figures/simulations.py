@@ -1,4 +1,4 @@
-"""Figures of a simulation study: methods side by side, errors, coverage, impulse responses."""
+"""Figures of a simulation study: methods side by side, errors, impulse responses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tvsysid.figures import style
-from tvsysid.figures.results import of_quantity, scenario_traits, unique
+from tvsysid.figures.results import scenario_traits, unique
 from tvsysid.figures.words import differing, wrapped
 
 if TYPE_CHECKING:
@@ -34,9 +34,6 @@ OVER_TIME = {
     "stiffness": "stiffness\n(N·m/rad)",
     "reflex_gain": "reflex gain\n(N·m·s/rad)",
 }
-NOMINAL = 95.0
-# seconds over which the share of trials is averaged: of a hundred trials it is a coarse number
-SMOOTHED = 0.05
 
 
 @style.styled
@@ -125,44 +122,6 @@ def _draw_errors(axes: Axes, rows: pd.DataFrame) -> None:
         axes.set_xscale("log")
         axes.minorticks_off()
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-
-
-@style.styled
-def coverage_over_time(results: xr.Dataset, scenario: str, title: str = "") -> Figure:
-    """Draw the coverage of the 95 % band over a realization, a line for each method.
-
-    It is the mean over 0.05 s and over trials that have a band at each time, as in
-    :func:`tvsysid.metrics.coverage`; no line where none has. The true stiffness is below.
-
-    Parameters
-    ----------
-    results
-        Of a simulation study.
-    scenario
-        Label of the scenario.
-    """
-    cell, time = of_quantity(results).sel(scenario=scenario), results.time.values
-    window = max(1, round(SMOOTHED / (time[1] - time[0])))
-    share = cell.covered.mean("trial")
-    smooth = share.rolling(time=window, center=True, min_periods=1).mean().where(share.notnull())
-    figure, ((above,), (below,)) = style.panels(
-        2,
-        1,
-        4.4,
-        4.4,
-        title,
-        xlabel=style.REALIZATION_TIME,
-        ylabels=["trials whose 95 % band\nholds the truth (%)", "true stiffness\n(N·m/rad)"],
-        sharex=True,
-        height_ratios=(3, 1),
-    )
-    for method, look in style.lines(unique(results.method_key.values)).items():
-        if share.sel(method_key=method).notnull().any():
-            style.curve(above, time, 100 * smooth.sel(method_key=method).values, **look)
-    above.axhline(NOMINAL, color=style.INK, linestyle=":", label="nominal")
-    above.set_ylim(-2, 102)
-    below.plot(time, cell.truth, color=style.TRUTH)
-    return style.finish(figure)
 
 
 @style.styled

@@ -15,7 +15,6 @@ from tvsysid.figures import (
     METRICS_OF_PATHWAYS,
     Illustration,
     Picture,
-    coverage_over_time,
     draw_all,
     error_against,
     method_comparison,
@@ -36,11 +35,6 @@ COMPARISON = (
     "A column for each method. Upper rows, over one realization of {}: estimates, mean and two "
     "standard deviations over trials, against the truth, and time-varying VAF. Lower rows: metrics "
     "of all scenarios with standard errors; the ranking has the numbers."
-)
-COVERAGE = (
-    "Share of trials in which the 95 % band of each method holds the true stiffness, over one "
-    "realization of {}, averaged over 0.05 s. A band covers the random error, not the bias of what "
-    "a method smooths: about a switch bands miss the truth."
 )
 
 
@@ -103,8 +97,7 @@ class PublishedStudy:
 
         For each group of scenarios ``"comparison-GROUP"`` (metrics of the scenarios that most
         methods identified, and estimates over time in the one in the middle),
-        ``"coverage-GROUP"`` of the latter, and ``"bias-GROUP"``: the bias against several sizes,
-        from the first scenario of each.
+        and ``"bias-GROUP"``: the bias against several sizes, from the first scenario of each.
 
         Parameters
         ----------
@@ -119,7 +112,7 @@ class PublishedStudy:
         bias = summary[summary.metric == "mean_bias"]
         for name, rows in traits.groupby("group", sort=False):
             labels = list(rows.index[rows.methods == rows.methods.max()])
-            shown |= scenario_figures(results, summary, name, labels)
+            shown[f"comparison-{name}"] = comparison(results, summary, labels)
             first = rows["size"].drop_duplicates()
             points = bias.assign(size=bias.scenario.map(first)).dropna(subset=["size", "value"])
             if len(first) > 1:
@@ -154,30 +147,19 @@ def illustrated(draw: Callable[..., Any], *data: Any, title: str, text: str) -> 
     return Illustration(partial(draw, *data, title=title), title, text)
 
 
-def scenario_figures(
-    results: xr.Dataset, summary: pd.DataFrame, name: object, labels: Sequence[str]
-) -> dict[str, Illustration]:
-    """Return the figures of a group of scenarios: methods compared, and coverage of their bands."""
+def comparison(results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str]) -> Illustration:
+    """Return the figure of methods in a group of scenarios."""
     shown = labels[len(labels) // 2]
-    title = described(scenario_traits(results).loc[shown].to_dict())
     rows = summary[summary.scenario.isin(labels)]
     quantities = [each for each in ("stiffness", "reflex_gain") if each in results["quantity"]]
-    data = results.sel(quantity=quantities, method_key=rows.method.unique())
     metrics = METRICS_OF_PATHWAYS if len(quantities) > 1 else METRICS
-    return {
-        f"comparison-{name}": illustrated(
-            partial(method_comparison, metrics=metrics),
-            *(data, rows, shown, labels),
-            title=f"Methods compared: {title}",
-            text=COMPARISON.format(shown),
-        ),
-        f"coverage-{name}": illustrated(
-            coverage_over_time,
-            *(results, shown),
-            title=f"How often the bands hold the truth: {title}",
-            text=COVERAGE.format(shown),
-        ),
-    }
+    return illustrated(
+        partial(method_comparison, metrics=metrics),
+        results.sel(quantity=quantities, method_key=rows.method.unique()),
+        *(rows, [shown], labels),
+        title=f"Methods compared: {described(scenario_traits(results).loc[shown].to_dict())}",
+        text=COMPARISON.format(shown),
+    )
 
 
 def write_outcome(

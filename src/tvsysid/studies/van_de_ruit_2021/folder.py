@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 from tvsysid.figures import (
     Illustration,
-    error_against_truth,
     participant_in_detail,
     preparation_steps,
     recorded_signals,
     stiffness_of_participants,
     variance_and_spread,
 )
-from tvsysid.figures.results import headings, is_known, of_least_data
+from tvsysid.figures.results import headings, of_least_data
 from tvsysid.figures.words import perturbation_name
 from tvsysid.quality import diagnose
 from tvsysid.recordings import write_ensemble
@@ -75,8 +74,8 @@ def experiment_figures(
     """Return all figures of an experiment's page.
 
     By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"``
-    (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` where the truth is
-    known, ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7).
+    (figure 9), ``"variance-and-spread"`` (figure 10), ``"recorded-signals"`` (figure 6) and
+    ``"preparation"`` (figure 7).
 
     Parameters
     ----------
@@ -117,14 +116,6 @@ def experiment_figures(
             "participants.",
         ),
     }
-    if is_known(own):
-        shown["error-against-truth"] = illustrated(
-            error_against_truth,
-            own,
-            title="Error against the truth",
-            text="How far the mean estimate over bootstraps is from the true stiffness of virtual "
-            "participants: mean and two standard deviations over participants.",
-        )
     mine = {
         perturbation_name(each.recorded.perturbation): each
         for each in prepared

@@ -165,11 +165,9 @@ class TwoPathwayModel(ImpulseResponseModel):
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1
         past = history(ensemble, self.drive(ensemble), first + late)[:, : late + ensemble.samples]
-        missing = np.isnan(past)
-        reflex = convolve_lags(
-            np.where(missing, 0.0, past), self.reflex_response / self.sampling_rate
-        )
-        reflex[missing[:, : ensemble.samples]] = np.nan  # what is missing lies before all else
+        reflex = convolve_lags(np.nan_to_num(past), self.reflex_response / self.sampling_rate)
+        # What is missing lies before all else.
+        reflex[np.isnan(past[:, : ensemble.samples])] = np.nan
         if ensemble.mean_subtracted:
             reflex -= mean_known(reflex)
         return {**super()._pathways(ensemble), "reflex": reflex}
@@ -183,8 +181,11 @@ class TwoPathwayModel(ImpulseResponseModel):
 
 def explained_shares(torque: Array, pathways: Mapping[str, Array]) -> dict[str, float]:
     """Return the shares of the torque's square that pathways explain, together and alone, in %."""
-    parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
-    parts |= {f"vaf_{name}": part for name, part in pathways.items()}
-    torque = np.where(np.isfinite(parts["vaf"]), torque, np.nan)
-    left = {name: np.nansum((torque - part) ** 2) for name, part in parts.items()}
-    return {name: 100 * (1 - float(each / np.nansum(torque**2))) for name, each in left.items()}
+    whole = np.sum(list(pathways.values()), axis=0)
+    known = np.isfinite(whole)
+    power = np.sum(torque[known] ** 2)
+    left = {"vaf": torque - whole}
+    left |= {f"vaf_{name}": torque - part for name, part in pathways.items()}
+    return {
+        name: 100 * (1 - float(np.sum(each[known] ** 2) / power)) for name, each in left.items()
+    }

@@ -25,7 +25,7 @@ def test_figures_are_inside_in_order_with_their_descriptions(elements):
         "preparation",
     ]
     numbers = [re.match(r"Figure (\d)\.", text).group(1) for _, text in elements.of("figcaption")]
-    assert numbers == ["1", "2", "3", "4", "5", "6"]
+    assert numbers == ["1", "2", "3", "4", "5"]
     assert "Figure 5." in section(elements, "recordings")
 
 

@@ -151,12 +151,10 @@ def comparison(results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str]
     """Return the figure of methods in a group of scenarios."""
     shown = labels[len(labels) // 2]
     rows = summary[summary.scenario.isin(labels)]
-    quantities = [each for each in ("stiffness", "reflex_gain") if each in results["quantity"]]
-    metrics = METRICS_OF_PATHWAYS if len(quantities) > 1 else METRICS
+    metrics = METRICS_OF_PATHWAYS if "reflex_gain" in results.quantity else METRICS
     return illustrated(
         partial(method_comparison, metrics=metrics),
-        results.sel(quantity=quantities, method_key=rows.method.unique()),
-        *(rows, [shown], labels),
+        *(results.sel(method_key=rows.method.unique()), rows, shown, labels),
         title=f"Methods compared: {described(scenario_traits(results).loc[shown].to_dict())}",
         text=COMPARISON.format(shown),
     )

@@ -246,7 +246,7 @@ class KernelRegression(shared.ByReference):
         variances = np.broadcast_to(self.gamma, 3) * scale**2
         theta = np.log([self.length_periodic, *variances, noise])
         given = search.Settings(self.length_decay, theta, "as given")
-        tried = search.Search(ensemble, self.band, noise, share).tried(given)
+        tried = search.tried_settings(given, ensemble, self.band, noise, share)
         return search.evidence_of(tried, self, scale)
 
 

@@ -156,11 +156,14 @@ def moments_of(
         with_terms = np.zeros((len(basis), size))
         for bins, rows in run.rows(kernel):
             parts = (rows * weights[index][bins] if weights else rows).view(np.float64)
-            products = _added(products, 1.0, parts.T)
+            products = blas.dsyrk(
+                1.0, parts.T, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1
+            )
             with_terms += basis[:, 2 * bins.start : 2 * bins.stop] @ parts.T
         mixed.append(with_terms)
         number += numbers.shape[1] * run.known / run.samples - len(basis)
-    return Moments.of(_added(products, -1.0, np.concatenate(mixed)), number)
+    projected = np.concatenate(mixed)
+    return Moments.of(products - projected.T @ projected, number)
 
 
 def whitening(runs: Sequence[Run], residual: Array) -> list[Array]:
@@ -172,12 +175,6 @@ def whitening(runs: Sequence[Run], residual: Array) -> list[Array]:
     powers = [2 * rfft(correlation, run.samples)[run.bins].real - 1 for run in runs]
     mean = np.mean(np.concatenate(powers))
     return [np.sqrt(mean / each) for each in powers]
-
-
-def _added(products: Array, sign: float, numbers: Array) -> Array:
-    """Add the products of columns (number, column) to the lower triangle of others, in place."""
-    added = blas.dsyrk(sign, numbers, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
-    return np.asarray(added)
 
 
 def joined(ensemble: Ensemble, realizations: NDArray[np.int64]) -> Array:

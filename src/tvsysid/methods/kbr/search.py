@@ -2,14 +2,14 @@
 
 The kernel's l1 and l2 say how smooth and how periodic they are, gamma how far each may be from its
 mean. :class:`Likelihood` gives the marginal likelihood of these settings and its derivatives, and
-climbs to its maximum. :class:`Search` finds l1 and the gammas without decay, and then compares
-shorter and shorter decays.
+climbs to its maximum. :func:`tried_settings` finds l1 and the gammas without decay, and then
+compares shorter and shorter decays.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import Any, Self
 
@@ -130,58 +130,47 @@ class Likelihood:
         return attrs.evolve(start, theta=found.x, value=usual - float(found.fun))
 
 
-@attrs.frozen(eq=False)
-class Search:
-    """Data and noise level by which settings are compared.
+def tried_settings(
+    given: Settings, ensemble: Ensemble, band: tuple[float, float], noise: float, share: float
+) -> list[Settings]:
+    """Return all settings that are tried: those given, each l1 without decay, and decays.
 
-    ``noise`` is about the residual variance of the given settings. ``share`` is the effective
-    fraction of independent samples.
+    ``noise`` is about the residual variance of the given settings, ``share`` the effective fraction
+    of independent samples.
     """
 
-    ensemble: Ensemble
-    band: tuple[float, float]
-    noise: float
-    share: float
-
-    def tried(self, given: Settings) -> list[Settings]:
-        """Return all settings that are tried: those given, each l1 without decay, and decays."""
-        # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
-        kernel = Kernel.of(self.ensemble, LENGTHS[0], ENDLESS)
-        strict = Likelihood.of(self.ensemble, kernel, self.band, self.share)
-        powers = strict.moments.gram.diagonal()[:: kernel.columns] / strict.moments.number
-        # Each coefficient makes a torque 1000 times the noise.
-        loose = np.log([1.0, *(START * self.noise / powers), self.noise])
-        start = Settings(ENDLESS, loose, "no decay")
-        found = [strict.climb(start, (length, length)) for length in LENGTHS]
-        best = strict.climb(max(found, key=_value), WHOLE_RANGE)
-        likelihood = self._likelihood(given)
-        as_given = given
-        if likelihood is not None:
-            as_given = attrs.evolve(given, value=likelihood(given.theta)[0])
-        return [as_given, *found, best, *self._decays(best, kernel)]
-
-    def _decays(self, best: Settings, kernel: Kernel) -> Iterator[Settings]:
-        """Yield the best settings for shorter and shorter decays, while the likelihood may rise."""
-        for decay in np.array(DECAYS) * kernel.span:
-            start = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
-            likelihood = self._likelihood(start)
-            if likelihood is None:
-                return
-            found = likelihood.climb(start, WHOLE_RANGE)
-            yield found
-            if decay < 4 * kernel.period or found.value < best.value - MAX_LOSS:
-                return
-            best = max(best, found, key=_value)
-
-    def _likelihood(self, start: Settings) -> Likelihood | None:
+    def likelihood_of(settings: Settings) -> Likelihood | None:
         """Return the likelihood of the features for settings; None if they are too many."""
         try:
-            kernel = Kernel.of(self.ensemble, math.exp(start.theta[0]), start.decay)
+            kernel = Kernel.of(ensemble, math.exp(settings.theta[0]), settings.decay)
         except InputError:
             return None
         if 3 * kernel.columns > MAX_COEFFICIENTS:
             return None
-        return Likelihood.of(self.ensemble, kernel, self.band, self.share)
+        return Likelihood.of(ensemble, kernel, band, share)
+
+    # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
+    kernel = Kernel.of(ensemble, LENGTHS[0], ENDLESS)
+    strict = Likelihood.of(ensemble, kernel, band, share)
+    powers = strict.moments.gram.diagonal()[:: kernel.columns] / strict.moments.number
+    # Each coefficient makes a torque 1000 times the noise.
+    start = Settings(ENDLESS, np.log([1.0, *(START * noise / powers), noise]), "no decay")
+    tried = [strict.climb(start, (length, length)) for length in LENGTHS]
+    best = strict.climb(max(tried, key=_value), WHOLE_RANGE)
+    if likelihood := likelihood_of(given):
+        given = attrs.evolve(given, value=likelihood(given.theta)[0])
+    tried = [given, *tried, best]
+    # Shorter and shorter decays, while the likelihood may rise
+    for decay in np.array(DECAYS) * kernel.span:
+        start = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
+        likelihood = likelihood_of(start)
+        if likelihood is None:
+            break
+        tried.append(likelihood.climb(start, WHOLE_RANGE))
+        if decay < 4 * kernel.period or tried[-1].value < best.value - MAX_LOSS:
+            break
+        best = max(best, tried[-1], key=_value)
+    return tried
 
 
 def evidence_of(tried: Sequence[Settings], method: object, scale: float) -> Evidence:

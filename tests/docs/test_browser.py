@@ -96,7 +96,7 @@ def test_the_first_block_and_all_of_its_choices():
 
 def test_errors_and_warnings_are_read():
     assert json.loads(RUN("import tvsysid as tv\ntv.ShortDataSegments(window=-1)"))["error"] == (
-        "Line 2: InputError: ShortDataSegments: window must be a positive number, got -1"
+        "Line 2: InputError: ShortDataSegments: window must be a number of zero or more, got -1"
     )
     assert json.loads(RUN("x = 1\ndef f(:"))["error"].startswith("Line 2: SyntaxError: ")
     assert json.loads(RUN("raise SystemExit(3)"))["error"] == "Line 1: SystemExit: 3"

@@ -143,7 +143,7 @@ def test_slow_noise_counts_less_and_bands_hold(colour, most):
 
 
 def mixture_band(weights, means, variances, freedom, **band):
-    mixed = averaging.Mixture(*np.array([[weights], [means], [variances]], dtype=float))
+    mixed = averaging.Mixture(*map(np.array, (weights, [means], [variances])))
     error = MixtureError(np.sqrt(mixed.variance()), np.array(freedom), mixture=mixed)
     return np.array(tv.Estimate(mixed.mean(), "N m/rad", error=error).band(**band))[:, 0]
 

@@ -225,8 +225,8 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) 
     for quantity, posterior in found.items():
         weights, means, variances = posterior.mixture
         means = np.maximum(means, 0.0) if quantity == "viscosity" else means
-        over_time = (base.padded(each, *signals.edges) for each in (weights, means, variances))
-        mixture = Mixture(*over_time)
+        over_time = (base.padded(each, *signals.edges) for each in (means, variances))
+        mixture = Mixture(weights, *over_time)
         errors = np.sqrt(mixture.variance())
         error = MixtureError(errors, freedom, posterior.arc(), mixture=mixture)
         estimates[quantity] = Estimate(mixture.mean(), UNITS[quantity], error=error)

@@ -45,7 +45,7 @@ BY_EVIDENCE = attrgetter("evidence")
 
 
 class Mixture(NamedTuple):
-    """Weights, means, variances of normal distributions at each time, (time, component)."""
+    """Weights (component,) of normal distributions with means and variances (time, component)."""
 
     weights: Array
     means: Array
@@ -53,12 +53,12 @@ class Mixture(NamedTuple):
 
     def mean(self) -> Array:
         """Return the mean of the mixture, shape (time,)."""
-        return np.asarray(np.einsum("tc,tc->t", self.weights, self.means))
+        return np.asarray(self.means @ self.weights)
 
     def variance(self) -> Array:
         """Return the variance of the mixture, shape (time,)."""
         apart = self.means - self.mean()[:, None]
-        return np.asarray(np.einsum("tc,tc->t", self.weights, self.variances + apart**2))
+        return np.asarray((self.variances + apart**2) @ self.weights)
 
 
 class Hypothesis(NamedTuple):
@@ -104,26 +104,26 @@ class OverTime(NamedTuple):
 
 
 def components(model: CurveModel, weight: float, best: OverTime) -> Array:
-    """Return weights, means and variances of the posterior, shape (3, time, component).
+    """Return means and variances of equal parts of the posterior, shape (2, time, component).
 
-    ``weight`` is that of the model. ``best`` has all switches at their most probable positions.
-    The switch nearest to a time takes all its positions, the others stay there.
+    The number of parts grows with the ``weight`` of the model. ``best`` has all switches at their
+    most probable positions. The switch nearest to a time takes all its positions, the others stay
+    there.
     """
     axis, own = model.smooth.estimate.axis, model.positions
     if not len(own):
-        return np.stack([np.full(best.means.shape, weight), best.means, best.variances])
+        return np.stack([best.means, best.variances])
     apart = np.abs(axis.offset(np.arange(axis.times)[:, None], own))
     nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_COMPONENTS * weight))
-    out, shares = np.empty((3, axis.times, count)), (np.arange(count) + 0.5) / count
+    out, shares = np.empty((2, axis.times, count)), (np.arange(count) + 0.5) / count
     for index, (window, probabilities) in enumerate(model.places):
         rows, positions = nearest == index, np.tile(own, (count, 1))
         # Each position stands for the same share of the probability.
         positions[:, index] = window[np.searchsorted(np.cumsum(probabilities)[:-1], shares)]
         moved = OverTime.of(model, positions)
-        out[0, rows] = weight / count
-        out[1:, rows] = moved.means[rows], moved.variances[rows]
+        out[:, rows] = moved.means[rows], moved.variances[rows]
     if axis.jitter:
-        out[2] += axis.jitter_variance(own) @ best.sizes.T**2
+        out[1] += axis.jitter_variance(own) @ best.sizes.T**2
     return out
 
 
@@ -145,10 +145,10 @@ class ModelAverage:
         weights /= weights.sum()
         kept, size = models[: len(weights)], models[0].smooth.estimate.size
         over_time = [OverTime.of(each, each.positions[None]) for each in kept]
-        shares, means, variances = np.concatenate(
-            list(map(components, kept, weights, over_time)), axis=2
-        )
-        mixture = Mixture(shares, size * means, size**2 * variances)
+        parts = list(map(components, kept, weights, over_time))
+        counts = [part.shape[2] for part in parts]
+        means, variances = np.concatenate(parts, axis=2)
+        mixture = Mixture(np.repeat(weights / counts, counts), size * means, size**2 * variances)
         return cls(models, weights, over_time, mixture)
 
     def probability(self, wanted: Callable[[CurveModel], bool]) -> float:

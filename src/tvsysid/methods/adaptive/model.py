@@ -66,12 +66,11 @@ class MixtureError(StandardError):
         weights, means, variances = self.mixture
         freedom, spreads = float(self.freedom[0]), np.sqrt(variances)
         share, parts = ndtr(_as_normal(multiple, freedom)), means + spreads * multiple
-        low = np.where(weights == 0, np.inf, parts).min(axis=1)
-        high = np.where(weights == 0, -np.inf, parts).max(axis=1)
+        low, high = parts.min(axis=1), parts.max(axis=1)
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             apart = (middle[:, None] - means) / spreads
-            below = np.sum(weights * ndtr(_as_normal(apart, freedom)), axis=1)
+            below = ndtr(_as_normal(apart, freedom)) @ weights
             low, high = np.where(below < share, middle, low), np.where(below < share, high, middle)
         return np.asarray((low + high) / 2)
 

@@ -256,13 +256,11 @@ def distinct(sets: Iterable[CurveModel]) -> list[CurveModel]:
 def weighed(smooths: Sequence[SmoothFit], sets: Sequence[CurveModel]) -> list[CurveModel]:
     """Return every smooth part with every set of switches and every prior of their sizes."""
     estimate, out = smooths[0].estimate, list[CurveModel]()
-    ends = np.cumsum([len(each.positions) for each in sets])
-    steps = estimate.steps(np.concatenate([np.zeros(0), *(each.positions for each in sets)]))
-    beside = [smooth.beside(steps) for smooth in smooths]
-    gram, cross = np.array([x.products(x) for x in beside]), np.array([x.cross for x in beside])
-    for switches, end in zip(sets, ends, strict=True):
-        own = slice(end - len(switches.positions), end)
-        evidence = switch_evidence(estimate.axis, gram[:, own, own], cross[:, own])
+    for switches in sets:
+        steps = estimate.steps(switches.positions)
+        beside = [smooth.beside(steps) for smooth in smooths]
+        gram, cross = zip(*((each.products(each), each.cross) for each in beside), strict=True)
+        evidence = switch_evidence(estimate.axis, np.array(gram), np.array(cross))
         evidence = evidence if len(switches.positions) else evidence[:1]
         log_prior = switches.log_volume - math.log(len(evidence))
         out += [

@@ -99,9 +99,8 @@ class AdaptiveModel(Model):
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         if self.reflex is None:
             return super()._pathways(ensemble)
-        found, (angle, velocity, _) = self.reflex.pathways(ensemble), ensemble.derivatives()
-        more = self.stiffness - self.reflex.stiffness, self.viscosity - self.reflex.viscosity
-        found["intrinsic"] = found["intrinsic"] + more[0] * angle + more[1] * velocity
+        found, change = self.reflex.pathways(ensemble), self.stiffness - self.reflex.stiffness
+        found["intrinsic"] = found["intrinsic"] + change * ensemble.derivatives()[0]
         return found
 
     def _further_variables(self) -> tuple[Labelled, Labelled]:

@@ -171,31 +171,21 @@ def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel
     """Return sets of switches near the best score, and the empty one, which is last.
 
     The search begins with the ``first`` model of each smooth part. Each step extends the model with
-    the best score. A smooth part is skipped if its first set of switches is one at
-    which the search of another smooth part has ended.
+    the best score.
     """
-    found, still_open, ended = list(first), {each.smooth: each for each in first}, set[bytes]()
+    found, still_open = list(first), list(first)
     # The search begins only where a gain as large, and REACH more, would make it the best.
     gains = {each.smooth: max(each.score - each.smooth.score, REACH) + REACH for each in first}
-    while True:
-        best = max(map(BY_SCORE, found))
-        able = [
-            each
-            for smooth, each in still_open.items()
-            if each.score + min(gains[smooth], MAX_GAIN) > best
-            and len(each.positions) < MAX_SWITCHES
-            and (each.places or each.positions.tobytes() not in ended)
-        ]
-        if not able:
-            break
-        before = max(able, key=BY_SCORE)
-        after = best_step(before, grid)
-        found.append(after)
-        still_open[before.smooth] = after
-        gains[before.smooth] = after.score - before.score
-        if after.score <= before.score:
-            ended.add(before.positions.tobytes())
-            del still_open[before.smooth]
+    while still_open:
+        still_open.sort(key=BY_SCORE)
+        before, best = still_open.pop(), max(map(BY_SCORE, found))
+        possible = before.score + min(gains[before.smooth], MAX_GAIN)
+        if possible > best and len(before.positions) < MAX_SWITCHES:
+            after = best_step(before, grid)
+            found.append(after)
+            if after.score > before.score:
+                gains[after.smooth] = after.score - before.score
+                still_open.append(after)
     empty = CurveModel(first[0].smooth, np.zeros(0))
     joint = [
         empty._replace(positions=positions, score=empty.score_at(positions))

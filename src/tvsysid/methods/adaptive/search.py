@@ -171,21 +171,25 @@ def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel
     """Return sets of switches near the best score, and the empty one, which is last.
 
     The search begins with the ``first`` model of each smooth part. Each step extends the model with
-    the best score.
+    the best score. A smooth part is skipped if its first set of switches is one at
+    which the search of another smooth part has ended.
     """
-    found, still_open = list(first), list(first)
+    found, still_open, ended = list(first), list(first), set[bytes]()
     # The search begins only where a gain as large, and REACH more, would make it the best.
     gains = {each.smooth: max(each.score - each.smooth.score, REACH) + REACH for each in first}
     while still_open:
         still_open.sort(key=BY_SCORE)
         before, best = still_open.pop(), max(map(BY_SCORE, found))
-        possible = before.score + min(gains[before.smooth], MAX_GAIN)
-        if possible > best and len(before.positions) < MAX_SWITCHES:
+        positions, possible = before.positions, before.score + min(gains[before.smooth], MAX_GAIN)
+        is_new = before.places or positions.tobytes() not in ended
+        if is_new and possible > best and len(positions) < MAX_SWITCHES:
             after = best_step(before, grid)
             found.append(after)
             if after.score > before.score:
                 gains[after.smooth] = after.score - before.score
                 still_open.append(after)
+            else:
+                ended.add(positions.tobytes())
     empty = CurveModel(first[0].smooth, np.zeros(0))
     joint = [
         empty._replace(positions=positions, score=empty.score_at(positions))

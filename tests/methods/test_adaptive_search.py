@@ -2,6 +2,7 @@
 
 import warnings
 
+import attrs
 import numpy as np
 import pytest
 from tests.methods.free_estimates import estimate_of
@@ -16,20 +17,6 @@ def _ignore_warnings():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tv.DataQualityWarning)
         yield
-
-
-@pytest.mark.slow
-def test_the_search_finds_the_best_of_all_pairs(random):
-    estimate, _ = estimate_of(random, periodic=True)
-    smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(estimate.axis)]
-    grid = search.Grid(estimate)
-    first = [search.first_model(each, grid) for each in smooths]
-    best = search.propose_switches(first, grid)[0]
-    found = best.smooth.scores_of(best.smooth.steps(best.positions)).max()
-    steps = smooths[0].beside(grid.steps)
-    for first in range(0, len(grid.steps.positions) - 2, 2):
-        own, others = steps.take(slice(first, first + 1)), steps.take(slice(first + 2, None, 2))
-        assert found >= smooths[0].scores_with(own, others).max() - 1e-9
 
 
 @pytest.mark.slow
@@ -51,9 +38,7 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
     estimate, _ = estimate_of(random, periodic=True, times=80)
     turns = 2 * np.pi * np.arange(80) / 80
     waves = 0.3 * np.sin(turns) + 0.1 * np.cos(3 * turns)
-    estimate = evidence.FreeEstimate(
-        estimate.axis, estimate.values + waves, estimate.whitener, estimate.size
-    )
+    estimate = attrs.evolve(estimate, values=estimate.values + waves)
     second = list(evidence.few_harmonics(estimate, np.array([12.3, 27.8])))[1]
     assert list(np.flatnonzero(second.variances)) == [0, 2, 5]  # constant, first sine, third cosine
     best = averaging.average(estimate).models[0]
@@ -61,16 +46,9 @@ def test_sums_of_few_harmonics_are_found_beside_switches(random):
     assert list(np.flatnonzero(best.smooth.prior.variances)) == [0, 2, 5]
 
 
-def whitened(estimate, factor):
-    """Return the estimate with a smaller error."""
-    return evidence.FreeEstimate(
-        estimate.axis, estimate.values, factor * estimate.whitener, estimate.size
-    )
-
-
 def test_misfit_widens_the_error_of_a_free_estimate_that_is_given_too_small(random):
     estimate, _ = estimate_of(random, periodic=True, times=200, switches=())
-    small = whitened(estimate, 3.0)
+    small = attrs.evolve(estimate, whitener=3.0 * estimate.whitener)
     for given, expected in ((small, estimate), (estimate, estimate)):
         ratio = given.with_misfit().whitener[0, 0] / expected.whitener[0, 0]
         assert ratio == pytest.approx(1.0, abs=0.2)

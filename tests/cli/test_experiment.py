@@ -53,8 +53,9 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     assert {"participant.png", "preparation.pdf", "recorded-signals.svg"} <= figures
     with xr.open_dataset(folder / "results.nc") as results:
         assert results.estimate.sel(quantity="stiffness").shape == (1, 1, 3, 256)
-    tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv")}
-    for name in tables:
+    names = ("summary.csv", "claims.csv", "answers.csv")
+    tables = {name: (folder / name).read_bytes() for name in names}
+    for name in names[:2]:
         (folder / name).unlink()
     request.getfixturevalue("undrawn")
     assert tvsysid(f"report {folder}")[0] == 0
@@ -80,7 +81,7 @@ def test_files_of_which_some_cannot_be_used(tvsysid, tmp_path):
     # Again, what was done is not done twice.
     code, _, err = tvsysid("experiment study.toml --out found")
     assert code == 1
-    assert "resuming: 4 of 4 tasks are done already" in err  # bert has no recording
+    assert "resuming: 8 of 8 tasks are done already" in err
 
 
 def test_a_virtual_participants_file_is_what_the_study_reads(tvsysid, tmp_path):

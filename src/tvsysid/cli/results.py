@@ -46,6 +46,11 @@ def show_study(written: Written, results: xr.Dataset, out: Path, by: str, need: 
     """
     from tvsysid.report import problems
 
+    if written.answers is not None:
+        answers = written.answers.to_dict("records")
+        show_table(
+            "stiffness to report", answers, {name: name for name in map(str, written.answers)}
+        )
     groups = written.summary.groupby(by, sort=False)
     for name, summary in list(groups)[:MAX_TABLES]:
         labels = [each for each in ("method", "realizations") if each in summary]

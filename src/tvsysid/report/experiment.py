@@ -35,10 +35,12 @@ def write_experiment_report(
     claims: pd.DataFrame,
     pictures: Mapping[str, Picture],
     command: str = "",
+    answers: pd.DataFrame | None = None,
 ) -> None:
     """Write one HTML file that holds all of an experiment's outcome and needs nothing else.
 
-    The parameters are those of :func:`write_report`.
+    The parameters are those of :func:`write_report`, and ``answers``: a row for each recording with
+    the stiffness to report, if it is known.
     """
     summary = summary.assign(perturbation=summary.perturbation.map(perturbation_name))
     remarks = dict(zip(results.recording.values, map(str, results.remarks.values), strict=True))
@@ -59,6 +61,7 @@ def write_experiment_report(
         pictures={stem: each for stem, each in pictures.items() if stem not in DETAILS},
         details={stem: each for stem, each in pictures.items() if stem in DETAILS},
         command=command,
+        answers=answers,
     )
 
 

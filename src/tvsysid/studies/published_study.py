@@ -49,6 +49,8 @@ class Written(NamedTuple):
     """Names in the folder."""
     diagnoses: Mapping[str, Diagnosis] = MappingProxyType({})
     """Of an experiment: by recording."""
+    answers: pd.DataFrame | None = None
+    """Of an experiment: a row for each recording with the stiffness to report."""
 
 
 @attrs.frozen(eq=False)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+import attrs
 import numpy as np
 
-from tvsysid.errors import InputError, one_line
+from tvsysid.errors import InputError
 from tvsysid.preprocess import bootstrap_weights
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Ensemble
 from tvsysid.study.dataset import EXPERIMENT, dataset_of, labelled
 from tvsysid.study.experiment import Analysis, Experiment
 from tvsysid.study.measure import Scores, Truth, stack
@@ -23,43 +25,41 @@ if TYPE_CHECKING:
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude realizations, by the ending of the variable that counts them."""
 
+OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
 
-def draw(
-    ensemble: Ensemble, pathways: Mapping[str, Array], analysis: Analysis, seed: int, number: int
-) -> tuple[Ensemble, Truth]:
-    """Return the realizations of a bootstrap; models are compared with their recorded torque.
 
-    ``ensemble`` and ``pathways`` are all realizations, and the noiseless torque of each pathway, if
-    it is known.
-    """
-    count, is_block = len(ensemble), analysis.method.contiguous
+def draw(prepared: Prepared, analysis: Analysis, seed: int, number: int) -> tuple[Ensemble, Truth]:
+    """Return the realizations of a bootstrap; models are compared with their recorded torque."""
+    ensemble, is_block = prepared.ensemble, analysis.method.contiguous
+    if ensemble is None:
+        raise InputError(prepared.failure)
+    count = len(ensemble)
     weights = bootstrap_weights(count, analysis.realizations, number + 1, seed, is_block)
     chosen = np.repeat(np.arange(count), weights[number])
     drawn = ensemble.select(chosen)
-    parts = {name: torque[chosen] for name, torque in pathways.items()}
+    parts = {name: torque[chosen] for name, torque in prepared.pathways.items()}
     return drawn, Truth(np.asarray(drawn.torque[:, drawn.core]), pathways=parts)
 
 
 def tasks_of(experiment: Experiment, prepared: Sequence[Prepared]) -> list[Task]:
-    """Return a task for each analysis of a recording that can be used.
+    """Return a task for each analysis of a recording.
 
     The last methods take longest and come first.
     """
     tasks = []
-    for analysis in reversed(experiment.analyses):
-        for item in prepared:
-            seed = experiment.seed_of(item.recorded, analysis.realizations)
-            if item.ensemble is not None:
-                task = Task(
-                    case=item.recorded.label,
-                    draw=partial(draw, item.ensemble, item.pathways, analysis, seed),
-                    draws=range(experiment.bootstraps),
-                    methods={analysis.label: analysis.method},
-                    depends_on=(item.digest, seed),
-                )
-                tasks.append(task)
-    if not tasks:
-        raise InputError(f"run: no recording can be used: {prepared[0].failure}")
+    for analysis, item in itertools.product(reversed(experiment.analyses), prepared):
+        seed, ensemble = experiment.seed_of(item.recorded, analysis.realizations), item.ensemble
+        if ensemble and not analysis.method.uses_recorded_angle:
+            ensemble = attrs.evolve(ensemble, recorded_angle=None)
+        sent = attrs.evolve(item, ensemble=ensemble, preparation=None, excerpt=None)
+        task = Task(
+            case=item.recorded.label,
+            draw=partial(draw, sent, analysis, seed),
+            draws=range(experiment.bootstraps),
+            methods={analysis.label: analysis.method},
+            depends_on=(item.digest, seed),
+        )
+        tasks.append(task)
     return tasks
 
 
@@ -67,8 +67,6 @@ def results_of(
     experiment: Experiment, prepared: Sequence[Prepared], measured: Iterable[tuple[Task, Scores]]
 ) -> xr.Dataset:
     """Return the results of all analyses, and what became of each recording."""
-    import xarray as xr  # noqa: PLC0415  # heavy
-
     recordings, analyses = [item.recorded for item in prepared], experiment.analyses
     coordinates = {
         "recording": ("recording", [each.label for each in recordings]),
@@ -82,11 +80,11 @@ def results_of(
     period, rate = experiment.preparation["period"], experiment.preparation["rate"]
     about = {"title": EXPERIMENT, "experiment": experiment.to_json()}
     results = dataset_of(measured, coordinates, period, rate, **about)
-    facts = labelled(stack([_preparation_of(item) for item in prepared]), ["recording"])
-    results = results.merge(facts, join="left")
-    reasons = xr.DataArray([one_line(item.failure) for item in prepared], dims="recording")
-    results["failure"] = results.failure.where(results.survivors > 0, reasons)
-    return results.transpose("recording", "analysis", ...)
+    unknown = dict.fromkeys(OVER_TIME, np.full(results.sizes["time"], np.nan))
+    facts = [{**unknown, **item.over_time, **_preparation_of(item)} for item in prepared]
+    return results.merge(labelled(stack(facts), ["recording"]), join="left").transpose(
+        "recording", "analysis", ...
+    )
 
 
 def _preparation_of(prepared: Prepared) -> Scores:
@@ -99,9 +97,5 @@ def _preparation_of(prepared: Prepared) -> Scores:
         **{f"excluded_{name}": excluded_by.count(step) for name, step in STEPS.items()},
         "remarks": "\n".join(prepared.remarks),
         "digest": prepared.digest,
-        "target_torque": prepared.target_torque,
-        "mean_torque": prepared.mean_torque,
-        "truth quantity stiffness": np.full_like(prepared.mean_torque, np.nan),
-        **{f"truth quantity {name}": values for name, values in prepared.truth.items()},
     }
     return {name: np.array(value) for name, value in counts.items()}

@@ -66,7 +66,8 @@ def dataset_of(
         {name: each.reshape(*shape, *each.shape[1:]) for name, each in scores.items()}, axes
     )
     if "unit" not in results:
-        reasons = [*results.failure.values.flat, *results.warnings.values.flat]
+        texts = results.failure, results.get("warnings", results.failure)
+        reasons = (reason for each in texts for reason in each.values.flat)
         raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
     units = {name: max(own.values.flat) for name, own in results.unit.groupby("quantity")}
     further = {

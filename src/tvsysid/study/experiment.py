@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-import re
+import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -29,7 +29,6 @@ VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants of an experiment without fi
 PERTURBATIONS = ("noise", "prbs")  # their perturbations
 MAX_LAG_S, SHORT_WINDOW_S, LONG_WINDOW_S = 15 / 128, 12 / 128, 30 / 128
 """Longest lag and windows of sds and esm in the paper: 15, 12 and 30 samples."""
-NAME = r"\w[^/\\:\0]{0,79}"  # of a participant or perturbation, by which files are called
 BLOCK_REALIZATIONS, REALIZATIONS = (20, 40), (75, 150)  # in one block, and otherwise
 
 PAPER = {
@@ -48,11 +47,22 @@ PREPARATION = {
 """How a recording is prepared by default."""
 
 
-def _to_preparation(table: Any) -> dict[str, Any]:
+def _to_preparation(table: Any, experiment: Any) -> dict[str, Any]:
     """Return all settings of the preparation; false stands for None, which TOML has not."""
     check_keys(table, PREPARATION, "preparation")
-    given = {name: None if value is False else value for name, value in table.items()}
-    return PREPARATION | given
+    settings = dict(PREPARATION)
+    if (reading := experiment.reading) is not None:
+        settings["reference"] = "target" if "target" in reading.channels else None
+        settings["rate"] = _rate(reading.sampling_rate, table.get("period", settings["period"]))
+    return settings | {name: None if value is False else value for name, value in table.items()}
+
+
+def _rate(recorded: Any, period: float) -> float:
+    """Return the highest rate to decimate to that divides the recorded one and fits the period."""
+    most: float = PREPARATION["rate"]
+    rates = (recorded / factor for factor in range(max(1, math.ceil(recorded / most)), 1000))
+    fitting = (rate for rate in rates if math.isclose(rate * period, round(rate * period)))
+    return next(fitting, most)
 
 
 def _to_reading(value: Any) -> Reading | None:
@@ -121,8 +131,10 @@ class Experiment(Settings):
         :func:`tvsysid.read_recording`. ``channels`` maps the names that methods use to those in the
         files (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
-        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. In a TOML file,
-        ``false`` stands for None: ``reference = false`` where there was no target torque.
+        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. Of files, the
+        default rate is the highest up to 128 Hz that divides theirs and makes the period a whole
+        number of samples, and nothing is aligned unless ``reference``, or a channel ``"target"``
+        in ``reading``, names the torque to be followed. In a TOML file, ``false`` stands for None.
     perturbation
         Which of the perturbations are studied; None takes all there are.
     methods
@@ -133,6 +145,9 @@ class Experiment(Settings):
     realizations
         How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one block, as in
         the paper.
+    max_realizations
+        Largest number in a draw, by default that of the recording with the fewest. Larger numbers
+        are left out; it takes their place if none is left.
     bootstraps, seed
         Number of draws, and their seed. The draws depend on the seed, the recording and the number
         of realizations alone, so that all methods see the same ones.
@@ -156,10 +171,14 @@ class Experiment(Settings):
     )
     virtual: tuple[int, ...] | None = attrs.field(default=None, converter=to_tuple)
     reading: Reading | None = attrs.field(default=None, converter=_to_reading)
-    preparation: dict[str, Any] = attrs.field(factory=dict, converter=_to_preparation)
+    preparation: dict[str, Any] = attrs.field(
+        factory=dict,
+        converter=attrs.Converter(_to_preparation, takes_self=True),  # type: ignore[misc]
+    )
     perturbation: tuple[str, ...] | None = attrs.field(default=None, converter=to_tuple)
     methods: tuple[Any, ...] = attrs.field(default=tuple(PAPER), converter=to_tuple)
     realizations: tuple[int, ...] | None = attrs.field(default=None, converter=to_tuple)
+    max_realizations: int | None = None
     bootstraps: int = attrs.field(default=100, validator=at_least(2))
     seed: int = attrs.field(default=0, validator=at_least(0))
     folder: str = attrs.field(default=".", converter=str)
@@ -170,19 +189,11 @@ class Experiment(Settings):
                 "reading: files need it: which channels are angle and torque, and the sampling "
                 "rate, as in reading = {angle = 'pos', torque = 'tq', sampling_rate = 1000}"
             )
-        names = {name for recorded in self.recordings for name in recorded[:2]}
-        if wrong := [name for name in names if not re.fullmatch(NAME, name)]:
+        if not (self.recordings and self.analyses):
             raise InputError(
-                f"participants: {wrong[0]!r} cannot name a file: begin with a letter or digit, and "
-                "have no slash, backslash or colon"
+                "participants: expected at least 1, with a perturbation that is studied, and at "
+                "least 1 method"
             )
-        for name, items in (("methods", self.analyses), ("participants", self.recordings)):
-            labels = [item.label for item in items]
-            if not labels or len(set(labels)) < len(labels):
-                raise InputError(
-                    f"{name}: expected at least 1, each with a name of its own; got "
-                    f"{', '.join(labels) or 'none'}"
-                )
 
     @cached_property
     def recordings(self) -> tuple[Recorded, ...]:
@@ -204,14 +215,17 @@ class Experiment(Settings):
     @cached_property
     def analyses(self) -> tuple[Analysis, ...]:
         """Analyses of each recording."""
-        analyses = []
+        analyses = {}
         for value in self.methods:
             label = label_of(value)
             method = to_method(PAPER.get(label, value))
             usual = BLOCK_REALIZATIONS if method.contiguous else REALIZATIONS
             counts = self.realizations or usual
-            analyses += [Analysis(label, method, count) for count in counts]
-        return tuple(analyses)
+            most = self.max_realizations or max(counts)
+            for count in [each for each in counts if each <= most] or [most]:
+                analysis = Analysis(label, method, count)
+                analyses[analysis.label] = analysis
+        return tuple(analyses.values())
 
     @property
     def named_methods(self) -> dict[str, Method]:

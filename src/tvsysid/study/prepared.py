@@ -23,7 +23,9 @@ from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.simulate import PERTURBATIONS, Participant
 from tvsysid.study.experiment import Experiment, Recorded
+from tvsysid.study.measure import mean_quantities
 
+TORQUE = "torque as it was recorded"  # channel that keeps its mean
 EXCERPT_S = 10.0  # duration of the part of a recording that is drawn
 
 
@@ -38,17 +40,13 @@ class Prepared:
     remarks, failure
         Trials that are left out, warnings, and why nothing could be prepared, in words. The failure
         is the last of the remarks; empty if there is none.
-    target_torque, mean_torque
-        Target, and mean torque of the kept realizations, in N·m, shape (time,); NaN if unknown.
     preparation, excerpt
         What was done to the recording, and ten seconds of it; None if nothing could be prepared.
     ensemble
-        Kept realizations, mean subtracted, with the channels that methods need; None if there are
-        none.
-    reference
-        Channel that a method takes as the applied disturbance, if any.
-    truth
-        Quantities of a simulation: means over the kept realizations, shape (time,).
+        Kept realizations, mean subtracted; None if there are none.
+    over_time
+        Means over the kept realizations, each of shape (time,): ``target_torque`` and
+        ``mean_torque`` in N·m, and quantities of a simulation (``"truth quantity stiffness"``).
     pathways
         Noiseless torques of a simulation, mean subtracted, shape (realization, time).
     """
@@ -56,19 +54,16 @@ class Prepared:
     recorded: Recorded
     remarks: tuple[str, ...] = ()
     failure: str = ""
-    target_torque: Array
-    mean_torque: Array
     preparation: Preparation | None = None
     excerpt: Recording | None = None
     ensemble: Ensemble | None = None
-    reference: str | None = None
-    truth: Mapping[str, Array] = attrs.field(factory=dict)
+    over_time: Mapping[str, Array] = attrs.field(factory=dict)
     pathways: Mapping[str, Array] = attrs.field(factory=dict)
 
     @property
     def digest(self) -> str:
-        """Hash of the ensemble; that of None if there is none."""
-        return hashlib.sha256(pickle.dumps(self.ensemble)).hexdigest()[:16]
+        """Hash of the ensemble, or of why there is none."""
+        return hashlib.sha256(pickle.dumps(self.ensemble or self.failure)).hexdigest()[:16]
 
 
 def prepared_recordings(
@@ -90,14 +85,14 @@ def prepared_recordings(
 
 
 def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
-    settings, failure = experiment.preparation, ""
-    nothing = np.full(round(settings["period"] * settings["rate"]), np.nan)
-    found: dict[str, Any] = {"target_torque": nothing, "mean_torque": nothing}
+    failure, found = "", {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
-            read = _read if recorded.files else _simulate
-            found |= read(experiment, recorded)
+            if recorded.files:
+                found = _prepared(experiment, _read(experiment, recorded), {})
+            else:
+                found = _simulated(experiment, recorded)
         except InputError as error:
             failure = str(error)
     texts = dict.fromkeys(str(each.message) for each in caught)
@@ -105,25 +100,19 @@ def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
     return Prepared(recorded=recorded, remarks=remarks, failure=failure, **found)
 
 
-def _simulate(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
+def _simulated(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
     """Return the kept realizations of a virtual participant, and what is known of them."""
     simulation = Participant(recorded.number).simulate(
         perturbation=PERTURBATIONS[recorded.perturbation]
     )
     found = _prepared(experiment, simulation.recording, simulation.pathways)
-    ensemble = found["preparation"].ensemble
-    truth = simulation.truth_of(ensemble).items()
-    return found | {
-        "truth": {name: values.mean(axis=0) for name, values in truth},
-        "pathways": {
-            name: np.asarray(ensemble.signal(name)[:, ensemble.core])
-            for name in simulation.pathways
-        },
-    }
+    for name, values in mean_quantities(simulation, found["ensemble"]).items():
+        found["over_time"][f"truth quantity {name}"] = values
+    return found
 
 
-def _read(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
-    """Return the kept realizations of all usable trials. Warn of trials that cannot be used.
+def _read(experiment: Experiment, recorded: Recorded) -> Recording:
+    """Return all usable trials. Warn of trials that cannot be used.
 
     Raise an InputError if there is none.
     """
@@ -143,62 +132,54 @@ def _read(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
         warnings.warn(f"{name} is left out: {reason}", DataQualityWarning, stacklevel=2)
     if trials.recording is None:
         raise InputError("no trial can be used")
-    return _prepared(experiment, trials.recording, {})
+    return trials.recording
 
 
 def _prepared(
-    experiment: Experiment, recording: Recording, further: Mapping[str, Array]
+    experiment: Experiment,
+    recording: Recording,
+    pathways: Mapping[str, Array],
 ) -> dict[str, Any]:
-    """Return the kept realizations of a recording, and signals of them.
+    """Return the kept realizations of a recording, and what is known of them.
 
-    ``further`` channels lose their mean as the torque does.
+    The torques of pathways are prepared with the recording, and kept apart from it.
     """
     settings, methods = experiment.preparation, experiment.named_methods.values()
-    centered = sorted(set(centered_channels(methods)) & set(recording.channels))
-    every = attrs.evolve(recording, channels={**recording.channels, **further})
-    preparation = prepare(every, **settings, channels=[*centered, *further])
+    own, reference = recording.channels, settings["reference"]
+    centered = sorted(set(centered_channels(methods)) & set(own))
+    further = {**pathways, TORQUE: recording.torque}
+    every = attrs.evolve(recording, channels={**own, **further})
+    preparation = prepare(every, **settings, channels=[*centered, *pathways])
     ensemble = preparation.ensemble
-    *_, aligned = preparation.recorded, *(step.ensemble for step in preparation.steps.values())
-    inputs = [
-        each for method in methods for each in method.inputs if each.name in recording.channels
-    ]
-    references = {each.name for each in inputs if each.kind == "reference"}
-    is_rectified = any(method.uses_recorded_angle for method in methods)
-    if (most := max(each.realizations for each in experiment.analyses)) > (count := len(ensemble)):
-        text = (
-            f"{most} realizations are drawn from {count}: they vary less than so many recorded "
-            f"ones would; draw {count} at most"
-        )
+    signals = {name: ensemble.signal(name)[:, ensemble.core] for name in ensemble.channels}
+    over_time = {"mean_torque": signals[TORQUE].mean(axis=0)}
+    if reference in signals:
+        over_time["target_torque"] = signals[reference].mean(axis=0)
+    most = max(each.realizations for each in experiment.analyses)
+    if most > (count := len(ensemble)):
+        text = f"draws hold at most {count} realizations, which is all that were kept, not {most}"
         warnings.warn(text, DataQualityWarning, stacklevel=2)
-    found = {
+    return {
         "preparation": preparation,
-        "excerpt": excerpt(recording, settings["reference"]),
+        "over_time": over_time,
+        "excerpt": excerpt(recording, reference),
         "ensemble": attrs.evolve(
-            ensemble,
-            channels={
-                name: ensemble.channels[name] for name in sorted({each.name for each in inputs})
-            },
-            recorded_angle=ensemble.recorded_angle if is_rectified else None,
+            ensemble, channels={name: ensemble.channels[name] for name in own}
         ),
-        "reference": min(references, default=None),
-        "mean_torque": aligned.torque[:, aligned.core].mean(axis=0),
+        "pathways": {name: np.asarray(signals[name]) for name in pathways},
     }
-    if settings["reference"] in ensemble.channels:
-        target = ensemble.signal(settings["reference"])[:, ensemble.core]
-        found["target_torque"] = target.mean(axis=0)
-    return found
 
 
 def excerpt(recording: Recording, reference: str | None = "target") -> Recording:
     """Return ten seconds from the middle of the first trial, with the target torque if any."""
     trial, length = recording.trials[0], round(EXCERPT_S * recording.sampling_rate)
-    first = max(trial.start, (trial.start + trial.stop - length) // 2)
-    part = slice(first, min(first + length, trial.stop))
-    target = recording.channels.get(str(reference))
+    first = max(0, trial.stop - length) // 2
+    part, target = slice(first, min(first + length, trial.stop)), str(reference)
+    channels = {"target": recording.channels[target][part]} if target in recording.channels else {}
     return Recording(
         recording.angle[part],
         recording.torque[part],
         recording.sampling_rate,
         recording.time[first],
-        channels={} if target is None else {"target": target[part]},
+        channels=channels,
     )

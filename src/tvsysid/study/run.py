@@ -118,6 +118,9 @@ def _work(
     if isinstance(study, Study):
         return trials.tasks_of(study), partial(trials.results_of, study)
     prepared = prepared or prepared_recordings(study)
+    kept = [len(each.ensemble) for each in prepared if each.ensemble]
+    if study.max_realizations is None:
+        study = attrs.evolve(study, max_realizations=min(kept, default=None))
     return bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
 
 

@@ -77,10 +77,6 @@ def test_a_toml_file_says_the_same(tmp_path):
     [
         ({"bootstraps": 1}, r"bootstraps must be a whole number of 2 or more, got 1"),
         ({"methods": "nosuch"}, r"unknown method 'nosuch'"),
-        (
-            {"methods": ["sds", "sds"]},
-            r"methods: .* each with a name of its own; got sds-75, sds-150, sds-75",
-        ),
         ({"perturbation": "pbrs"}, r"participants: expected at least 1"),
         (
             {"participants": {"a": {"noise": "a.mat"}}},
@@ -95,16 +91,8 @@ def test_a_toml_file_says_the_same(tmp_path):
             r"preparation.ratee: unknown key \(known: reference, rate, ends",
         ),
         (
-            {"virtual": [1, 1]},
-            r"participants: .* a name of its own; got P1-noise, P1-prbs, P1-noise",
-        ),
-        (
             {"participants": {"A": "a.mat"}, "reading": READING},
             r"files by participant and perturbation.*got {'A': 'a.mat'}",
-        ),
-        *(
-            ({"participants": {name: {"noise": "a"}}, "reading": READING}, "cannot name a file")
-            for name in ("a/b", "a\0", "=a", ".a", "a" * 81)
         ),
         ({"reading": READING | {"strat": 1}}, r"reading.strat: unknown key"),
         ({"virtual": []}, r"participants: expected at least 1"),
@@ -118,6 +106,18 @@ def test_a_toml_file_says_the_same(tmp_path):
 def test_what_is_wrong_is_told_by_key(settings, message):
     with pytest.raises(tv.InputError, match=message):
         Experiment(**settings)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "period", "rate"),
+    [(1000, 2.0, 125), (1000, 1.5, 100), (2048, 2.0, 128), (60, 2.0, 60)],
+)
+def test_the_default_rate_divides_that_of_the_files_and_nothing_is_aligned(recorded, period, rate):
+    reading = READING | {"sampling_rate": recorded}
+    experiment = Experiment(reading=reading, preparation={"period": period})
+    assert (experiment.preparation["rate"], experiment.preparation["reference"]) == (rate, None)
+    named = Experiment(reading=reading | {"channels": {"target": "level"}})
+    assert named.preparation["reference"] == "target"
 
 
 def test_draws_depend_on_the_recording_and_the_number_of_realizations_alone():

@@ -6,6 +6,7 @@ thresholds: those here are ours, and part of the sentences.
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from tvsysid.studies.claims import (
 )
 from tvsysid.study import score
 from tvsysid.study.bootstraps import STEPS
+from tvsysid.study.experiment import PREPARATION
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -200,6 +202,12 @@ CLAIMS = (
 def judge_experiment(results: xr.Dataset) -> pd.DataFrame:
     """Return a row for each claim, as :meth:`PublishedStudy.judge`, from an experiment's results.
 
-    Limits are over participants.
+    Limits are over participants. There are no rows if the protocol is not the paper's: filtered
+    noise or PRBS, realizations of 2 s at 128 Hz, aligned to a torque that was followed.
     """
-    return judge_claims(CLAIMS, experiment_evidence(results))
+    settings = json.loads(results.attrs["experiment"])
+    made = settings.get("preparation", PREPARATION)
+    target = {"reference": PREPARATION["reference"]}
+    is_followed = made["reference"] and made | target == PREPARATION
+    is_papers = is_followed and {*results.perturbation.values} <= {*SURVIVED}
+    return judge_claims(CLAIMS if is_papers else (), experiment_evidence(results))

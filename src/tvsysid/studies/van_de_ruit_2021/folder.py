@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tvsysid.comparison import compare
+from tvsysid.errors import DataQualityWarning
 from tvsysid.figures import (
     Illustration,
     participant_in_detail,
@@ -16,9 +19,11 @@ from tvsysid.figures import (
 )
 from tvsysid.figures.results import headings, of_least_data
 from tvsysid.figures.words import perturbation_name
-from tvsysid.quality import diagnose
+from tvsysid.numerics.bands import mean_of
+from tvsysid.quality import Diagnosis
 from tvsysid.recordings import write_ensemble
 from tvsysid.report import write_diagnosis, write_experiment_report
+from tvsysid.report.page import in_text
 from tvsysid.studies.published_study import Written, illustrated, write_outcome
 from tvsysid.studies.van_de_ruit_2021.experiment import judge_experiment
 from tvsysid.study import Prepared, exclusions, stiffness_over_time, summarize
@@ -43,29 +48,61 @@ def write_experiment(
     results, folder, command
         As for :meth:`tvsysid.studies.published_study.PublishedStudy.write`.
     prepared
-        The recordings; none, if they are gone: then ``exclusions.csv`` and ``prepared/`` stay as
-        they are.
+        The recordings; none, if they are gone: then ``answers.csv``, ``exclusions.csv`` and
+        ``prepared/`` stay as they are.
     """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
     results = results.load()
     summary, claims = summarize(results), judge_experiment(results)
-    tables = {
-        "summary.csv": summary,
-        "claims.csv": claims,
-        "stiffness.csv": stiffness_over_time(results),
-    }
-    files, diagnoses = ["report.html", "figures/"], {}
+    tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}
+    if len(claims):
+        tables["claims.csv"] = claims
+    files = ["report.html", "figures/"]
+    diagnoses: dict[str, Diagnosis] = {}
     if prepared:
+        tables["answers.csv"], diagnoses = stiffness_to_report(prepared, results)
         tables["exclusions.csv"] = exclusions(prepared)
         for each in prepared:
             if each.ensemble:
-                label = each.recorded.label
-                write_ensemble(folder / "prepared" / f"{label}.nc", each.ensemble)
-                diagnoses[label] = diagnose(each.ensemble, each.reference)
+                file = folder / "prepared" / f"{each.recorded.label}.nc"
+                write_ensemble(file, each.ensemble)
         write_diagnosis(folder / "diagnosis.html", diagnoses, command)
         files += ["prepared/", "diagnosis.html"]
+    elif (file := folder / "answers.csv").exists():
+        tables["answers.csv"] = pd.read_csv(file, keep_default_na=False)
     pictures = write_outcome(folder, tables, experiment_figures(results, summary, prepared))
-    write_experiment_report(folder / "report.html", results, summary, claims, pictures, command)
-    return Written(summary, claims, [*files, *tables], diagnoses)
+    answers = tables.get("answers.csv")
+    page = folder / "report.html"
+    write_experiment_report(page, results, summary, claims, pictures, command, answers)
+    return Written(summary, claims, [*files, *tables], diagnoses, answers)
+
+
+def stiffness_to_report(
+    prepared: Sequence[Prepared], results: xr.Dataset
+) -> tuple[pd.DataFrame, dict[str, Diagnosis]]:
+    """Return the answer for each recording, as :func:`tvsysid.compare` gives it, and its faults.
+
+    Methods with a reference channel take the place of the usual ones, if the experiment has any.
+    """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    methods = [each for each in dict.fromkeys(results.method_key.values) if "reference=" in each]
+    rows, diagnoses = [], {}
+    for item in prepared:
+        label, stiffness, method, why = item.recorded.label, "none", "", item.failure
+        if item.ensemble:
+            with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+                found = compare(item.ensemble, methods)
+            answer, diagnosis = found.answer, found.recommendation.diagnosis
+            method, why = answer.label, " ".join(answer.reasons)
+            if answer.is_stated:
+                stiffness = in_text(mean_of(answer.stiffness), answer.half_band, 1)
+            if isinstance(diagnosis, Diagnosis):
+                diagnoses[label] = diagnosis
+        rows.append((label, stiffness, method, why))
+    columns = ["recording", "stiffness (N·m/rad)", "method", "doubts"]
+    return pd.DataFrame(rows, columns=columns), diagnoses
 
 
 def experiment_figures(

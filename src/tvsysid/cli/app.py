@@ -9,7 +9,7 @@ import warnings
 from importlib import import_module
 from io import TextIOWrapper
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 from tvsysid import __version__
 from tvsysid.cli.console import errors, output, remark
@@ -65,6 +65,10 @@ def main() -> None:
     except CycloptsError as error:
         error.verbose = False
         problem = str(error).partition(" Available commands")[0].rstrip(".")
+        if isinstance(error, UnusedCliTokensError):
+            problem = (
+                f"does not take {', '.join(error.unused_tokens or ())}; give one file at a time"
+            )
         typed = " ".join(["tvsysid", *(error.command_chain or ())])
         code, text = 2, f"{problem} (see {typed} --help)"
     except OSError as error:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shlex
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -27,7 +29,7 @@ from tvsysid.cli.options import (
     rate_options,
 )
 from tvsysid.cli.running import command_line
-from tvsysid.errors import InputError, printable
+from tvsysid.errors import DataQualityWarning, InputError, printable
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
@@ -191,8 +193,10 @@ def _identify_one(
     for note in prepared.notes:
         say(note)
     say(f"{file.name}: {prepared.ensemble!r}")
-    with shown_progress("identifying") as advance:
+    with shown_progress("identifying") as advance, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DataQualityWarning)
         comparison = compare(prepared.ensemble, method, tune=options.tune, progress=advance)
+    _show_warnings(str(each.message) for each in caught)
     for label, reason in comparison.skipped.items():
         remark("warning", f"{label} is skipped: {reason}")
     for label, reason in comparison.failed.items():
@@ -208,6 +212,18 @@ def _identify_one(
     _show_settings(comparison)
     say_written(out, written)
     return int(bool(comparison.failed))
+
+
+def _show_warnings(texts: Iterable[str]) -> None:
+    """Print the first of the warnings that differ in the method and in numbers alone."""
+    alike: dict[str, dict[str, str]] = {}
+    for each in texts:
+        label, _, text = each.partition(": ")
+        alike.setdefault(re.sub(r"\d", "", text), {}).setdefault(label, text)
+    for texts_by_label in alike.values():
+        (label, text), *others = texts_by_label.items()
+        also = f" (similarly {', '.join(name for name, _ in others)})" if others else ""
+        remark("warning", f"{label}: {text}{also}")
 
 
 def _source(file: Path, reading: Reading) -> dict[str, str]:

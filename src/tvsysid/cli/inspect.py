@@ -76,9 +76,9 @@ def inspect(
     from tvsysid.recordings.saved import save_settings
     from tvsysid.recordings.write import checked
 
+    channels = describe_file(file)
     default = Path("tvsysid-inspect") / f"{file.name}.png"
     picture = checked(plot or default, ".png", ".pdf", ".svg")
-    channels = describe_file(file)
     records = [{"name": name, "content": each.described} for name, each in channels.items()]
     show_table(file.name, records, {"channel": "name", "content": "content"})
     try:
@@ -151,9 +151,10 @@ def _show_identify_command(file: Path, channels: Mapping[str, Channel]) -> None:
     """Print the command that identifies the file."""
     rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
     rate = rates.pop() if len(rates) == 1 else None
-    say(
-        f"identify it with\ntvsysid identify {shlex.quote(str(file))} --angle CHANNEL --torque "
-        f"CHANNEL {rate_options(rate)} --period SECONDS"
-    )
+    words = ["identify", shlex.quote(str(file))]
+    for own in ("angle", "torque"):
+        found = [name for name in channels if own in name.lower()]
+        words += [f"--{own}", shlex.quote(found[0]) if len(found) == 1 else "CHANNEL"]
+    say(f"identify it with\ntvsysid {' '.join(words)} {rate_options(rate)} --period SECONDS")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
         say("if each column of a matrix is a separate trial, add --columns trials")

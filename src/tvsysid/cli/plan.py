@@ -172,4 +172,7 @@ def _show(found: Plan) -> None:
                 )
     if all(each.pilot is None for each in found.setups.values()):
         say("assumed: pink noise of the torque, as voluntary torque is; --pilot measures yours")
-    say(f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}")
+    say(
+        f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}. The band of "
+        "`identify` is wider with adaptive: it also covers how fast stiffness may change"
+    )

@@ -53,9 +53,10 @@ def show_plan(
     with errors.status("timing a draw of each case"):
         identifications, seconds = plan(study, prepared)
     minutes = seconds / (workers.workers or cores()) / 60
+    time = f"about {minutes:,.0f} min" if minutes > 1 else "less than a minute"
     say(
         f"methods: {', '.join(study.named_methods)}\n{draws}: {identifications:,} identifications\n"
-        f"about {minutes:,.1f} min, beside the start and the figures; nothing was run"
+        f"{time}, beside the start and the figures; nothing was run"
     )
     return 0
 

@@ -72,7 +72,8 @@ class Answer:
     Parameters
     ----------
     label, model
-        Label of the method whose stiffness is stated, and its model.
+        Label of the method whose stiffness is stated, and its model: a recommended one, or
+        ``adaptive``, or the one that predicts held-out realizations best.
     is_recommended
         Whether the data recommend this method, or it is ``adaptive``.
     trust
@@ -182,12 +183,13 @@ def answer(
     """
     suited = recommendation.select({label: methods[label] for label in models})
     adaptive = [label for label, each in models.items() if isinstance(each, AdaptiveModel)]
-    label = [*suited, *adaptive, *models][0]
-    method, model = methods[label], models[label]
     vafs = {name: _known_vaf(each, held_out_vaf.get(name)) for name, each in models.items()}
+    means = {name: mean_of(each) for name, each in vafs.items()}
+    best = max(means, key=lambda name: np.nan_to_num(means[name], nan=-np.inf))
+    label = [*suited, *adaptive, best][0]
+    method, model = methods[label], models[label]
     typical = float(np.median(vafs[label]))
     trust, reasons = judge_trust(model, method, recommendation, label in suited, typical)
-    means = {name: mean_of(each) for name, each in vafs.items()}
     spread = model_spread(ensemble, methods, models, label, means)
     return Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
 
@@ -234,7 +236,7 @@ def model_spread(
                 warnings.simplefilter("ignore", DataQualityWarning)
                 stiffness = methods[name].identify(without_reflex).stiffness
         difference = stiffness - own.stiffness
-        if np.ptp(stiffness) == 0:
+        if methods[name].time_invariant:
             difference = np.full(len(difference), mean_of(difference))
         share = unexplained[label] / (unexplained[label] + unexplained[name])
         spread = np.fmax(spread, CRITICAL_VALUE * math.sqrt(share) * abs(difference))

@@ -182,6 +182,7 @@ def explained(name: str) -> Iterator[None]:
         remedy = "Is it whole and closed in other programs, and is its ending right?"
         if isinstance(error, ModuleNotFoundError):
             remedy = f"Install the library: pip install {error.name}"
-        elif isinstance(error, MemoryError):
-            remedy = "Save the part that is needed to a file of its own"
+        elif isinstance(error, MemoryError) or "bad_alloc" in reason:
+            reason = "it asks for too much memory"
+            remedy = "A small file is damaged: copy it again. Save a part of a large one"
         raise InputError(f"{name}: cannot be read ({reason}). {remedy}") from error

@@ -42,9 +42,11 @@ def run_isolated(function: Callable[..., Result], file: Path, *arguments: object
         executor.shutdown(wait=False, cancel_futures=True)
         if isinstance(error, KeyboardInterrupt):
             raise
+        late = isinstance(error, TimeoutError)
+        happened = f"did not finish in {seconds:.0f} s" if late else "crashed"
         raise InputError(
-            f"the library that reads this format crashed, or did not finish in {seconds:.0f} s. "
-            "The file is probably damaged. Copy it again"
+            f"the library that reads this format {happened}. The file is probably damaged. "
+            "Copy it again"
         ) from None
 
 

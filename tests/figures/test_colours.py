@@ -18,11 +18,11 @@ def test_contrast_on_white():
         assert 1.05 / (linear(colour) @ LUMINANCE + 0.05) >= 3
 
 
-def test_each_method_has_its_own_colour_and_marker_and_settings_are_hollow():
+def test_each_method_has_its_own_colour_and_marker_and_settings_are_dashed():
     looks = lines([*METHODS, "sds:window=0.2", "ShortDataSegments(window=0.3)"])
     for key in ("color", "marker"):
         assert len({looks[method][key] for method in METHODS}) == len(METHODS)
-    hollow = [label for label, look in looks.items() if look["markerfacecolor"] == "white"]
-    assert hollow == ["sds:window=0.2", "ShortDataSegments(window=0.3)"]
+    dashed = [label for label, look in looks.items() if look["linestyle"] != "-"]
+    assert dashed == ["sds:window=0.2", "ShortDataSegments(window=0.3)"]
     assert looks["ShortDataSegments(window=0.3)"]["color"] == looks["sds"]["color"]
     assert lines(["sds"])["sds"]["marker"] == ""

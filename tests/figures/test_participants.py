@@ -58,7 +58,7 @@ def test_every_participant_has_a_row_and_every_perturbation_a_column(all_people)
     assert len({axes.get_ylim() for axes in grid[:, :2].flat}) == 1
     assert len({axes.get_ylim() for axes in grid[:, 2]}) == 1
     assert figure.get_suptitle() == "All"
-    torques = ["mean torque, filtered noise", "mean torque, PRBS", "torque to be followed"]
+    torques = ["mean torque", "torque to be followed"]
     assert sorted(legend(figure)) == sorted(["truth", *HEADINGS, *torques])
 
 
@@ -121,7 +121,7 @@ def test_details_of_a_participant(results):
     for axes in grid[-1]:
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), results.target_torque.values[2])
         assert not axes.texts
-    with pytest.raises(InputError, match="no participant 'P9'; there are P1, P2, P3"):
+    with pytest.raises(InputError, match=r"no participant 'P9'; there are \['P1', 'P2', 'P3'\]"):
         participant_in_detail(results, "P9")
 
 

@@ -67,8 +67,8 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
 @pytest.mark.parametrize(
     ("settings", "titles", "legend"),
     [
-        ({"task_limit": None}, ["1. aligned to the target", "2. residual, low-passed"], "limits"),
-        ({"reference": None, "task_limit": None}, ["1. residual, low-passed"], "limits"),
+        ({"task_limit": None}, ["aligned to the target", "residual, low-passed"], "limits"),
+        ({"reference": None, "task_limit": None}, ["residual, low-passed"], "limits"),
         ({"reference": None, "task_limit": None, "residual_limit": None}, [], "kept"),
     ],
 )

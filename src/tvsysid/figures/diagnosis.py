@@ -45,8 +45,7 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     realizations.plot(curves.stiffness, "o", color=BLUE, markersize=2.5, label="stiffness")
     realizations.plot(curves.noise, "^", color=RED, markersize=2.5, label="noise")
     realizations.set_ylim(bottom=0.0)
-    with_angle, with_speed = curves.correlation
-    correlations = {"with angle": with_angle, "with speed": with_speed}
+    correlations = dict(zip(("with angle", "with speed"), curves.correlation, strict=True))
     draw_correlations(lags, 1000 * curves.lag, correlations, float(curves.chance))
     labels = [
         ("input: power of the angle", "frequency (Hz)", "rad²/Hz"),
@@ -87,7 +86,6 @@ def _draw_spectra(axes: Axes, frequency: Array, powers: Mapping[str, Array]) -> 
 
 
 def _draw_coherence(axes: Axes, curves: Curves) -> None:
-    axes.grid(visible=False)
     if not curves.coherence.size:
         style.remark(axes, "realizations too short")
         return

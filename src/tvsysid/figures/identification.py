@@ -64,20 +64,16 @@ def identified_impedance(
         grid["stiffness"].fill_between(first.time, *limits, label="methods differ", **shade)
     for label, look in _lines(models).items() if vaf else ():
         style.curve(grid["VAF"], models[label].time, vaf[label], **look)
-        text = "time-varying VAF (%)"
-        grid["VAF"].set(xlabel=style.REALIZATION_TIME, ylabel=text, ylim=(0, 102))
+        grid["VAF"].set(xlabel=style.REALIZATION_TIME, ylabel="time-varying VAF (%)", ylim=(0, 102))
     return style.finish(figure)
 
 
 @style.styled
 def identified_quantity(
-    models: Mapping[str, Model],
-    name: str = "stiffness",
-    title: str = "",
-    simultaneous: bool = False,
+    models: Mapping[str, Model], name: str, simultaneous: bool = False
 ) -> Figure:
     """Draw one quantity over time by the models, with 95 % bands, pointwise or ``simultaneous``."""
-    figure, axes = style.panels(1, 1, 6.4, 3.4, title)
+    figure, axes = style.panels(1, 1, 6.4, 3.4)
     draw_quantity(axes[0, 0], name, models, simultaneous)
     return figure
 
@@ -87,7 +83,7 @@ def draw_quantity(
 ) -> None:
     """Draw a quantity over its axis, by every model that estimates it, and its likely switches."""
     words, unit, over = name.replace("_", " "), UNITS.get(name, ""), "time"
-    curves: dict[str, Array] = {}
+    curves: list[Array] = []
     always: ArrayLike = ()
     for label, look in _lines(models).items():
         model, estimate = models[label], models[label].estimates.get(name)
@@ -95,12 +91,12 @@ def draw_quantity(
             continue
         unit, over = estimate.unit, estimate.axes[-1]
         x = np.asarray(model.coordinates.get(over, model.time))
-        values, band = mean_known(np.atleast_2d(estimate.values)), np.full((2, len(x)), np.nan)
+        values, band = mean_known(np.atleast_2d(estimate.values)), np.array(np.nan)
         if estimate.values.size == len(x):  # a mean over realizations has no band
             band = np.reshape(estimate.limits(simultaneous=simultaneous), (2, -1))
         if not curves and np.isfinite(band).any():
             always = np.nanpercentile(band, [2, 98])
-        curves[label] = values
+        curves.append(values)
         style.curve(axes, x, values, band, **look)
         for switch in getattr(model, "switches", ()):
             if switch.quantity == name and switch.probability > 0.5:
@@ -109,7 +105,7 @@ def draw_quantity(
                 axes.axvline(switch.time, color=style.INK, linestyle="--", lw=0.8, label=text)
     below = style.REALIZATION_TIME if over == "time" else over
     axes.set(xlabel=below, ylabel=f"{words} ({unit_name(unit)})")
-    style.limit_to_usual(axes, curves.values(), always)
+    style.limit_to_usual(axes, curves, always)
     if not curves:
         style.remark(axes, "not identified")
 

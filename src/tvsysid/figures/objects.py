@@ -73,8 +73,7 @@ def _results(results: Any, title: str) -> Figure:
         middle = str(results.scenario.values[results.sizes["scenario"] // 2])
         one = results.sel(scenario=[middle])
         return method_comparison(one, summarize(one), middle, [middle], title or middle)
-    kinds = ", ".join(kind.__name__ for kind in FIGURES)
-    raise InputError(f"plot: expected {kinds} or results of a study, got {type(results).__name__}")
+    raise InputError(f"plot: there is no picture of {type(results).__name__}")
 
 
 FIGURES: dict[type, Callable[[Any, str], Figure]] = {

@@ -71,8 +71,7 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
         means = mean_and_spread(one.estimate.values)[0]
         for mean, look, label in zip(means, looks, labels, strict=True):
             style.curve(axes, time, mean, **look | {"label": label, "linewidth": 1.0})
-        label, line = f"mean torque, {titles[column]}", style.STYLES[column % 4]
-        torque.plot(time, one.mean_torque, line, color=MEAN_TORQUE, label=label)
+        torque.plot(time, one.mean_torque, color=MEAN_TORQUE, label="mean torque")
         if np.isfinite(one.target_torque).any():
             torque.plot(time, one.target_torque, **style.TARGET_LINE)
     for axes in grid[0, :-1]:
@@ -96,7 +95,7 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
         Whose recordings are shown; ``InputError`` if there is none of that name.
     """
     if participant not in results.participant.values:
-        known = ", ".join(unique(results.participant.values))
+        known = unique(results.participant.values)
         raise InputError(f"figure: there is no participant {participant!r}; there are {known}")
     here = of_least_data(results.isel(recording=results.participant.values == participant))
     here = here.transpose("recording", "bootstrap", "analysis", "time", ...)
@@ -147,7 +146,6 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     perturbations = unique(summary.perturbation)
     looks = style.lines(unique(summary.method))
     bars = summary[["method", "realizations"]].drop_duplicates().values.tolist()
-    bars.sort(key=lambda bar: (list(looks).index(bar[0]), bar[1]))
     figure, grid = style.panels(
         len(metrics),
         len(perturbations),
@@ -166,13 +164,12 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
         for place, (method, amount) in enumerate(bars):
             is_mine = (shown.method == method) & (shown.realizations == amount)
             values, color = shown[is_mine].value.dropna(), looks[method]["color"]
-            reach = 2 * values.std()
-            axes.bar(place, values.mean(), yerr=reach, color=color, alpha=0.6, label=method)
+            look = {"color": color, "alpha": 0.6, "label": method}
+            axes.bar(place, values.mean(), yerr=2 * values.std(), **look)
             # Dots beside each other, so that equal ones show, in the order of the participants.
             beside = place + np.linspace(-0.25, 0.25, len(values) + 2)[1:-1]
             axes.plot(beside, values, ".", color="black", alpha=0.7)
         axes.set_xticks(range(len(bars)), [f"{amount:g}" for _, amount in bars])
-        axes.grid(visible=False, axis="x")
         if "vaf" in metric:
             axes.set_ylim(0, 102)
     return style.finish(figure, CAPTION)

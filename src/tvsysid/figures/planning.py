@@ -18,8 +18,6 @@ SAMPLES = 60  # of a curve
 def planned_recording(plan: Plan, title: str = "") -> Figure:
     """Draw the half width of a 95 % band, bias included, over minutes of data.
 
-    A dot where the wish is met, and the rise times.
-
     A panel for each setup, and one with the time in which each method follows a step.
     """
     width, count = 4.6 + 3.2 * len(plan.setups), len(plan.setups) + 1
@@ -32,18 +30,14 @@ def planned_recording(plan: Plan, title: str = "") -> Figure:
 
 
 def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
-    looks = style.lines(list(plan.methods))
-    for recording in plan.required:
-        curve, look = plan.curves[setup, recording.method], looks[recording.method]
-        if recording.setup != setup or not curve.realizations.size:
+    for method, look in style.lines(list(plan.methods)).items():
+        curve = plan.curves[setup, method]
+        if not curve.realizations.size:
             continue
         counts = np.geomspace(curve.realizations[0], curve.realizations[-1], SAMPLES)
         half = np.array([plan.multiple * curve.at(each).total for each in counts])
         minutes = np.array([plan.setups[setup].seconds(each) / 60 for each in counts])
         style.curve(axes, minutes, half, **look)
-        if recording.realizations is not None:
-            dot = look | {"markersize": 9.0, "linestyle": "", "label": ""}
-            axes.plot(recording.seconds / 60, plan.precision, **dot)
     axes.axhline(plan.precision, color=style.INK, linestyle=":", label="wish")
     label = "stiffness: ± at 95 %, bias included (N·m/rad)"
     axes.set(xlabel="minutes recorded", ylabel=label, title=setup, xscale="log", yscale="log")

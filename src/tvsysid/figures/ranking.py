@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MIN_ERROR = 1.0  # %, at which the scale of colours begins
-DARK = 0.45  # share of the colours on which print is white
 
 
 @style.styled
@@ -49,18 +48,16 @@ def leaderboard(
     ranks = zip(table["rank"], table.entry, strict=True)
     scores.set_yticks(places, [f"{rank}  {wrapped(entry, 30, 2)}" for rank, entry in ranks])
     shade = LogNorm(MIN_ERROR, 100.0, clip=True)
-    errors.imshow(table[names], cmap="cividis", norm=shade, aspect="auto")
+    errors.imshow(table[names], cmap="cividis", norm=shade, aspect="auto", alpha=0.6)
     for (row, column), value in np.ndenumerate(table[names].to_numpy()):
         text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-        ink = "white" if shade(value) < DARK else "black"
-        errors.text(column, row, text, ha="center", va="center", color=ink)
+        errors.text(column, row, text, ha="center", va="center")
     start = 0
     for name, members in groups.items():
-        text = wrapped(name, 6 * len(members), 2)
-        errors.text(start - 0.4, -0.7, text, va="bottom")
+        errors.text(start - 0.4, -0.7, wrapped(name, 6 * len(members), 2), va="bottom")
         start += len(members)
         errors.axvline(start - 0.5, color="white", linewidth=3)
-    errors.set_xticks(range(len(names)), [str(number + 1) for number in range(len(names))])
+    errors.set_xticks(range(len(names)), [*map(str, range(1, len(names) + 1))])
     errors.grid(visible=False)
     errors.tick_params(left=False, labelleft=False)
     errors.set_xlabel("error in each scenario (%)")

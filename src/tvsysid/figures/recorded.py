@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from tvsysid.errors import InputError, printable
 from tvsysid.figures import style
@@ -103,10 +103,7 @@ def ensemble_signals(ensemble: Ensemble, title: str = "") -> Figure:
 
 @style.styled
 def recorded_signals(
-    excerpts: Mapping[str, Recording],
-    title: str = "",
-    target: str = "target",
-    onsets: Iterable[float] = (),
+    excerpts: Mapping[str, Recording], title: str = "", onsets: Iterable[float] = ()
 ) -> Figure:
     """Draw angle and torque over some seconds, with the target torque if there is one.
 
@@ -115,9 +112,8 @@ def recorded_signals(
     Parameters
     ----------
     excerpts
-        Pieces of recordings, each without a break, by what is written above them.
-    target
-        Channel that holds the torque to be followed.
+        Pieces of recordings, each without a break, by what is written above them. The channel
+        ``target`` holds the torque to be followed.
     onsets
         Times in s at which realizations start, which are marked.
     """
@@ -133,8 +129,8 @@ def recorded_signals(
             for onset in onsets:
                 if time[0] <= onset <= time[-1]:
                     axes.axvline(onset, **ONSET)
-        if target in excerpt.channels:
-            row[1].plot(time, excerpt.channels[target], **style.TARGET_LINE)
+        if "target" in excerpt.channels:
+            row[1].plot(time, excerpt.channels["target"], **style.TARGET_LINE)
     return style.finish(figure)
 
 
@@ -151,25 +147,25 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     before.set_title(f"recorded: {len(recorded)} realizations")
     if "alignment" in steps:
         before.plot(recorded.time, steps["alignment"].mean, **MEAN)
-    _draw_outcomes(after, prepared.time, prepared.torque[:, prepared.core], "")
+    kept = prepared.torque[:, prepared.core]
+    _draw_realizations(after, prepared.time, kept, *OUTCOMES[""])
     after.set_title(f"prepared: {len(prepared)} realizations, mean subtracted")
-    for number, (axes, (name, step)) in enumerate(zip(others, steps.items(), strict=False)):
+    for axes, (name, step) in zip(others, steps.items(), strict=False):
         _draw_outcomes(axes, recorded.time, step.torque, np.where(step.kept, "", name))
         axes.plot(recorded.time, step.mean, **MEAN)
         if step.half_width is not None:
-            for limit in (step.mean - step.half_width, step.mean + step.half_width):
-                axes.plot(recorded.time, limit, **LIMIT)
-        axes.set_title(f"{number + 1}. {STEPS[name]}: {np.sum(~step.kept)} excluded")
+            limits = step.mean - step.half_width, step.mean + step.half_width
+            axes.plot(recorded.time, np.transpose(limits), **LIMIT)
+        axes.set_title(f"{STEPS[name]}: {np.sum(~step.kept)} excluded")
     for axes in others[len(steps) :]:
         axes.remove()
     return style.finish(figure)
 
 
-def _draw_outcomes(axes: Axes, time: Array, torque: Array, excluded_by: ArrayLike) -> None:
+def _draw_outcomes(axes: Axes, time: Array, torque: Array, excluded_by: NDArray[np.str_]) -> None:
     """Draw the torque of each realization in the colour of the step that excluded it."""
-    steps = np.broadcast_to(excluded_by, len(torque))
     for name, (label, color) in OUTCOMES.items():
-        _draw_realizations(axes, time, torque[steps == name], label, color)
+        _draw_realizations(axes, time, torque[excluded_by == name], label, color)
 
 
 def _draw_realizations(axes: Axes, time: Array, values: Array, label: str, color: str) -> None:

@@ -43,7 +43,6 @@ def unique(values: Iterable[object]) -> list[str]:
 
 def headings(results: xr.Dataset, width: int) -> list[str]:
     """Return method and seconds of data of each analysis, in lines of limited length."""
-    time = results.time.values
-    period = len(time) * float(time[-1] - time[0]) / max(len(time) - 1, 1)
+    period = results.sizes["time"] * float(results.time.diff("time")[0])
     pairs = zip(results.method_key.values, results.realizations.values, strict=True)
     return [wrapped(f"{method}, {number:.0f} × {period:.4g} s", width) for method, number in pairs]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tvsysid.figures import style
@@ -90,38 +89,29 @@ def method_comparison(
     for axes, name in zip(grid[:, 0], names, strict=True):
         here = rows[rows.metric == name]
         style.points_by_method(axes, here, methods, 0.8, linestyle="")
-        style.scale_errors(axes, here.value)
+        if 0 < 6 * here.value.min() < here.value.max():
+            axes.set_yscale("log")
+            style.log_ticks(axes.yaxis)
         axes.set_xticks(range(len(ticks)), [wrapped(each, 25) for each in ticks])
     text = "mean ± 2 standard deviations; metrics ± 1 standard error"
     return style.finish(figure, f"{results.sizes['trial']} trials: {text}")
 
 
 @style.styled
-def error_against(
-    what: str,
-    rows: pd.DataFrame,
-    title: str = "",
-    error: str = "mean bias (N·m/rad)",
-) -> Figure:
-    """Draw an error over a setting, a line for each method: value ± standard error.
+def error_against(what: str, rows: pd.DataFrame, title: str = "") -> Figure:
+    """Draw the mean bias over a setting, a line for each method: value ± standard error.
 
-    ``what`` varies and which ``error``, with their units; the rows have columns method, size (of
-    what varies), value and standard_error.
+    ``what`` varies, with its unit; the rows have columns method, size (of what varies), value and
+    standard_error.
     """
-    figure, grid = style.panels(1, 1, 7.4, 4.2, title, xlabel=what, ylabels=[error])
-    grid[0, 0].axhline(0, color=style.INK, linestyle="--")
-    _draw_errors(grid[0, 0], rows)
-    return style.finish(figure)
-
-
-def _draw_errors(axes: Axes, rows: pd.DataFrame) -> None:
-    """Draw a line with error bars for each method."""
+    label = "mean bias (N·m/rad)"
+    figure, grid = style.panels(1, 1, 7.4, 4.2, title, xlabel=what, ylabels=[label])
+    axes = grid[0, 0]
+    axes.axhline(0, color=style.INK, linestyle="--")
     style.points_by_method(axes, rows, unique(rows.method))
-    ticks = sorted(rows["size"].unique())
-    if ticks and 0 < 10 * ticks[0] < ticks[-1]:
-        axes.set_xscale("log")
-        axes.minorticks_off()
+    ticks = rows["size"].unique()
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    return style.finish(figure)
 
 
 @style.styled

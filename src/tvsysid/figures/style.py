@@ -107,9 +107,9 @@ def finish(figure: Figure, caption: str | None = None) -> Figure:
     if entries or caption:
         room, letter = LEGEND_ENTRY
         width = room + letter * max(map(len, entries), default=0)
-        columns: Any = max(1, int(figure.get_figwidth() / width))
-        place: Any = "outside lower center"
-        figure.legend(entries.values(), entries, loc=place, ncols=columns, title=caption)
+        columns = max(1, int(figure.get_figwidth() / width))
+        place: Any = {"loc": "outside lower center", "ncols": columns, "title": caption}
+        figure.legend(entries.values(), entries, **place)
     figure.align_ylabels()
     return figure
 
@@ -117,13 +117,12 @@ def finish(figure: Figure, caption: str | None = None) -> Figure:
 def lines(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return settings of Matplotlib for the line of each method, by its label.
 
-    Colour and marker are a method's own. Further settings of it have another dash and a hollow
-    marker. Methods of one's own have the last colours. A method that is shown alone has no marker.
+    Colour and marker are a method's own. Further settings of it have another dash. Methods of
+    one's own have the last colours. A method that is shown alone has no marker.
     """
     # The label of a method object is its repr.
     classes = {method.__name__: key for key, method in METHODS.items()}
     keys = [classes.get(label.partition("(")[0], key_of(label)) for label in methods]
-    places = {key: place for place, key in enumerate(METHODS)}
     places = {key: place for place, key in enumerate(METHODS)}
     own = [key for key in dict.fromkeys(keys) if key not in places]
     places |= {key: -1 - place % len(PALETTE) for place, key in enumerate(own)}
@@ -135,7 +134,6 @@ def lines(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
             "color": color,
             "linestyle": STYLES[variant % len(STYLES)],
             "marker": MARKERS[places[key]] if len(set(keys)) > 1 else "",
-            "markerfacecolor": "white" if variant else color,
         }
     return looks
 
@@ -165,7 +163,7 @@ def columns_by_method(
     looks = lines(methods).values()
     for axes, look, mean, spread in zip(row, looks, *mean_and_spread(draws), strict=True):
         if np.isfinite(truth).any():
-            axes.plot(time, np.broadcast_to(truth, time.shape), **TRUE_LINE)
+            axes.plot(time, truth, **TRUE_LINE)
         curve(axes, time, mean, (mean - 2 * spread, mean + 2 * spread), color=look["color"])
 
 
@@ -202,16 +200,6 @@ def limit_to_usual(axes: Axes, curves: Iterable[Array], always: ArrayLike = ()) 
     ends = np.append(np.clip(ranges, low - reach, high + reach), always)
     room = 0.1 * np.nanmax(np.abs(ends)) or 1.0  # what hardly changes does not look as if it did
     axes.set_ylim(np.nanmin(ends) - room, np.nanmax(ends) + room)
-
-
-def scale_errors(axes: Axes, values: pd.Series[float]) -> None:
-    """Make the vertical axis logarithmic where errors differ much; else let it begin at 0."""
-    lowest, highest = values.min(), values.max()
-    if 0 < 6 * lowest < highest:
-        axes.set_yscale("log")
-        log_ticks(axes.yaxis)
-    elif 0 < 2 * lowest < highest:
-        axes.set_ylim(bottom=0)
 
 
 def log_ticks(axis: Axis) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,16 +25,6 @@ class Visit(NamedTuple):
     lower: Array
     upper: Array
 
-    @property
-    def mean(self) -> float:
-        """Mean over time."""
-        return mean_of(self.stiffness)
-
-    @property
-    def half_band(self) -> float:
-        """Half width of the band, its mean over time; NaN without one."""
-        return mean_of(self.upper - self.lower) / 2
-
 
 @style.styled
 def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
@@ -46,19 +36,16 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
     figure, grid = style.panels(1, 2, 9.0, 3.2, title, width_ratios=[2.2, 1], sharey=True)
     axes, beside = grid[0]
     for place, visit in enumerate(visits):
-        look: dict[str, Any] = {
-            "color": style.PALETTE[place],
-            "linestyle": style.STYLES[place % len(style.STYLES)],
-            "label": visit.label,
-        }
-        style.curve(axes, visit.time, visit.stiffness, (visit.lower, visit.upper), **look)
+        color, band = style.PALETTE[place], (visit.lower, visit.upper)
+        look = {"color": color, "linestyle": style.STYLES[place % 4], "label": visit.label}
+        style.curve(axes, visit.time, visit.stiffness, band, **look)
         if np.isfinite(visit.stiffness).any():
             ends = np.nanmin(visit.stiffness), np.nanmax(visit.stiffness)
             beside.plot([place, place], ends, ":_", color=style.INK)
-            half = np.nan_to_num(visit.half_band)
-            beside.errorbar(place, visit.mean, half, fmt="o", color=look["color"], capsize=4)
+            mean, half = mean_of(visit.stiffness), mean_of(visit.upper - visit.lower) / 2
+            beside.errorbar(place, mean, np.nan_to_num(half), fmt="o", color=color, capsize=4)
     axes.set(xlabel=style.REALIZATION_TIME, ylabel="stiffness (N·m/rad), 95 % band")
-    beside.set_xticks(range(len(visits)), [str(place + 1) for place in range(len(visits))])
+    beside.set_xticks(range(len(visits)), [*map(str, range(1, len(visits) + 1))])
     beside.margins(x=0.2)
     beside.set(xlabel="visit", title="mean over time; lowest and highest")
     return style.finish(figure)

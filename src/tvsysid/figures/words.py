@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
@@ -45,26 +45,20 @@ def trait(name: str, value: object) -> str:
 
 
 def differing(traits: pd.DataFrame) -> list[str]:
-    """Return a text for each row of traits: those, and settings of the system, that not all share.
-
-    The duration, if they share all.
-    """
-    scenarios = traits.to_dict("records")
+    """Return a text for each row: traits, and settings of the system, that not all rows share."""
     parts = [
         [
             *re.split(r"[:,](?![^(]*\))", str(each["system"])),
             *(trait(name, each[name]) for name in TRAITS[1:]),
         ]
-        for each in scenarios
+        for each in traits.to_dict("records")
     ]
-    shared = set.intersection(*map(set, parts)) if parts else set()
-    texts = [", ".join(each for each in own if each not in shared) for own in parts]
-    if not any(texts):
-        return [trait("duration_s", each["duration_s"]) for each in scenarios]
+    shared = set.intersection(*map(set, parts))
+    texts = (", ".join(each for each in own if each not in shared) for own in parts)
     return [text.replace("_", " ") for text in texts]
 
 
-def described(scenario: Mapping[Any, Any], names: Sequence[str] = TRAITS) -> str:
+def described(scenario: Mapping[Any, Any]) -> str:
     """Describe a scenario from its traits.
 
     Viscosity is mentioned only where it varies with stiffness.
@@ -72,7 +66,7 @@ def described(scenario: Mapping[Any, Any], names: Sequence[str] = TRAITS) -> str
     full = {**PROFILES, **PERTURBATIONS, "covarying": "viscosity that varies with stiffness"}
     return ", ".join(
         full.get(str(scenario[name]), trait(name, scenario[name]))
-        for name in names
+        for name in TRAITS
         if (name, scenario[name]) not in UNREMARKABLE
     )
 

@@ -216,6 +216,7 @@ def model_spread(
     weighs more if it predicts more of the held-out torque. The stiffness of a method that takes the
     joint as constant is compared with the mean of :math:`K`. If the method ``label`` finds a
     reflex, its reflex torque is subtracted before methods with one pathway identify the stiffness.
+    A method whose VAF is unknown has no weight.
     The spread is never less than the half width of the stiffness's 95 % band, since a smaller
     difference is noise. NaN where no other method has an estimate.
     """
@@ -225,11 +226,13 @@ def model_spread(
         torque = ensemble.torque.copy()
         torque[:, ensemble.core] -= np.nan_to_num(pathways["reflex"])
         without_reflex = attrs.evolve(ensemble, torque=torque)
-    unexplained = {name: max(100 - vaf[name], 1e-9) for name in models}
+    weights = {
+        name: 0.0 if math.isnan(vaf[name]) else 1 / max(100 - vaf[name], 1e-9) for name in models
+    }
     spread = np.full(len(own.time), np.nan)
     for name, model in models.items():
         stiffness = model.stiffness
-        if name == label or math.isnan(vaf[name]):
+        if name == label or not weights[name]:
             continue
         if "reflex" in pathways and has_one_pathway(methods[name], model):
             with warnings.catch_warnings():
@@ -238,7 +241,7 @@ def model_spread(
         difference = stiffness - own.stiffness
         if methods[name].time_invariant:
             difference = np.full(len(difference), mean_of(difference))
-        share = unexplained[label] / (unexplained[label] + unexplained[name])
+        share = weights[name] / (weights[name] + weights[label])
         spread = np.fmax(spread, CRITICAL_VALUE * math.sqrt(share) * abs(difference))
     lower, upper = own.limits("stiffness")
     return np.asarray(np.maximum(spread, np.nan_to_num(upper - lower) / 2))

@@ -117,7 +117,7 @@ class Claim:
     disagreement
         Why the claim may fail, where that is known.
     most
-        Whether more than half of the comparisons suffice.
+        Whether the median over comparisons decides: whether more than half hold.
     """
 
     sentence: str
@@ -143,8 +143,8 @@ class Claim:
         if not compared or not methods <= {key[1] for key in known}:
             return []
         if self.most:
-            hold = [np.min(margins, axis=0) > 0 for margins, *_ in compared]
-            return [(np.mean(hold, axis=0) - 0.5, "beyond half", "share of conditions")]
+            smallest = [np.min(margins, axis=0) for margins, *_ in compared]
+            return [(np.median(smallest, axis=0), unit, "median over comparisons")]
         return [(each, unit, words) for margins, unit, words in compared for each in margins]
 
 
@@ -204,31 +204,24 @@ def judged(row: Claim, evidence: Evidence) -> tuple[object, ...]:
 def simulation_evidence(scores: xr.Dataset) -> Evidence:
     """Return the scores of a simulation study by metric, method and label of the scenario.
 
-    Samples are the metric, followed by its replicates. There are none of a study with another
-    sampling rate or duration of a realization than those of the papers.
+    Samples are the metric, followed by its replicates. A metric without replicates, such as that of
+    the worst trial, is its own limits. There are no scores of a study with another sampling rate or
+    duration of a realization than those of the papers.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
     study = json.loads(scores.attrs["study"])
-    if (study["rate"], study["period"]) != (RATE, PERIOD):
-        return Evidence({}, {}, replicate_interval)
-
-    samples = xr.concat([scores.value, scores.replicates], "draw")
+    is_papers = (study["rate"], study["period"]) == (RATE, PERIOD)
+    has_limits = scores.trials.max() >= MIN_TRIALS
+    replicates = scores.replicates.fillna(scores.value).where(has_limits)
+    samples = xr.concat([scores.value, replicates], "draw")
     samples = samples.stack(key=("metric", "method_key", "scenario")).transpose("key", "draw")
-    samples = samples[samples.asked.values]
+    samples = samples[samples.asked.values & is_papers]
     values = dict(zip(samples.key.values, samples.values, strict=True))
-    units = scores.unit.to_series().to_dict()
-    if scores.trials.max() < MIN_TRIALS:
-        return Evidence(values, units, lambda samples, _: (samples[0], np.nan, np.nan))
-    return Evidence(values, units, replicate_interval)
+    return Evidence(values, scores.unit.to_series().to_dict(), replicate_interval)
 
 
 def replicate_interval(samples: Array, tail: float) -> tuple[float, float, float]:
-    """Return a value and percentiles of the replicates that follow it.
-
-    A value without replicates, such as that of the worst trial, is its own limits.
-    """
-    replicates = samples[1:][~np.isnan(samples[1:])]
-    known = replicates if len(replicates) else samples[:1]
-    low, high = np.quantile(known, [tail, 1 - tail], method="nearest")
+    """Return a value and percentiles of the replicates that follow it; NaN if one of them is."""
+    low, high = np.quantile(samples[1:], [tail, 1 - tail], method="nearest")
     return samples[0], low, high

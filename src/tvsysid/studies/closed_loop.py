@@ -13,7 +13,7 @@ from tvsysid.methods import CLOSED_LOOP, resolve
 from tvsysid.simulate import SYSTEMS
 from tvsysid.studies.claims import Claim, Margin, claim, ratio
 from tvsysid.studies.published_study import PublishedStudy
-from tvsysid.study.scenarios import Scenario
+from tvsysid.study.scenarios import Scenario, Study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,24 +29,23 @@ SNR = {2.0: 5.0, 5.0: 5.0, 40.0: 10.0}  # dB, by the cut-off of the noise in Hz
 SHORT, LONG = 40.0, 150.0  # s
 
 
-def sines(noise: float, *actuators: float, duration_s: float = SHORT) -> list[Scenario]:
-    """Return scenarios of a sine wave with this noise on these actuators."""
+USUAL = {"stiffness": ("sine",), "perturbation": ("noise:cutoff=20",), "duration_s": (SHORT,)}
+
+
+def grid(noise: float, *actuators: float) -> dict[str, Any]:
+    """Return the settings of scenarios with this noise on these actuators."""
     system = f"loaded:actuator_stiffness={{:g}},noise_bandwidth={noise:g}"
-    usual = Scenario("sine", "noise:cutoff=20", duration_s, SNR[noise])
-    return [usual._replace(system=system.format(actuator)) for actuator in actuators]
+    return {"snr_db": (SNR[noise],), "system": tuple(map(system.format, actuators))}
 
 
-def grid(noise: float, *actuators: float) -> dict[str, object]:
-    """Return the settings of these scenarios."""
-    systems = tuple(each.system for each in sines(noise, *actuators))
-    return {"snr_db": (SNR[noise],), "system": systems}
+def sines(noise: float, *actuators: float, **others: float) -> tuple[Scenario, ...]:
+    """Return scenarios of a sine wave with this noise on these actuators."""
+    return Study(**USUAL | grid(noise, *actuators) | others).scenarios
 
 
 PRESETS = {
     "closed-loop": {
-        "stiffness": ("sine",),
-        "perturbation": ("noise:cutoff=20",),
-        "duration_s": (SHORT,),
+        **USUAL,
         "methods": (*OPEN, SDS, ESM, BIRF, UNWEIGHTED, BEST),
         "trials": 20,
         "subtract_mean": True,

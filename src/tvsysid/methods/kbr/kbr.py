@@ -35,7 +35,9 @@ USUAL_MODULUS = 100.0
 REWEIGHTED = 2
 CONVERGED = 1e-5  # relative change of the noise variance at which iterations stop
 ITERATIONS = 50  # maximum number of noise variances tried
-INITIAL_NOISE = 1e-2  # initial noise variance, as a share of the torque's power
+INITIAL_NOISE = 1e-3  # initial noise variance, as a share of the torque's power
+# torque of a weight by its prior, over the noise, below which it is not fitted
+NEGLIGIBLE = 1e-2
 
 
 def _numbers(value: Any, count: int) -> bool:
@@ -261,9 +263,28 @@ def fit(moments: Moments, precision: Array) -> FittedWeights:
     half of that of the complex noise. The cost of equation 16 has no half before the priors, so
     that a weight has half the variance of its kernel.
 
+    Weights whose torque the prior keeps far below the noise are 0, with the variance of the prior.
     If the moments have twice as many columns as the prior, the second half are instruments
     (:func:`tvsysid.numerics.gaussian.by_instruments`).
     """
+    count, noise = len(precision), INITIAL_NOISE * moments.square / moments.number
+    with np.errstate(divide="ignore"):
+        variances = 1 / precision
+    power = moments.gram.diagonal().reshape(-1, count).max(axis=0)
+    while True:
+        kept = np.flatnonzero(variances * power > NEGLIGIBLE * noise)
+        columns = np.add.outer(np.arange(0, len(moments.cross), count), kept).ravel()
+        found = _fit_noise(moments.take(columns), precision[kept], noise)
+        if found.noise_variance >= noise or len(kept) == count:
+            break
+        noise = 0.5 * found.noise_variance
+    mean, covariance = np.zeros(count), np.diag(variances)
+    mean[kept], covariance[np.ix_(kept, kept)] = found.mean, found.covariance
+    return found._replace(mean=mean, covariance=covariance)
+
+
+def _fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeights:
+    """Return the fit at the fixed point of the noise variance, from a first guess."""
     own, power, x = moments, moments.square / moments.number, np.arange(len(precision))
     has_instruments = len(moments.cross) > len(x)
     if has_instruments:
@@ -275,7 +296,6 @@ def fit(moments: Moments, precision: Array) -> FittedWeights:
         explained = mean @ (2 * moments.cross[x] - gram[np.ix_(x, x)] @ mean)
         return moments.square - float(explained)
 
-    noise = INITIAL_NOISE * power
     found: Posterior | FittedWeights
     for _ in range(ITERATIONS):
         found = posterior = solve(own, precision, noise)

@@ -3,7 +3,7 @@ from tests.drawing import draw
 from tests.experimental import experiment_of, fail, prepared_of, results_of, summary_of
 from tests.virtual import prepared
 
-from tvsysid.studies.van_de_ruit_2021.folder import experiment_figures, representative
+from tvsysid.report.experiment import experiment_figures, representative
 
 ALL = [
     "participants",

@@ -16,9 +16,9 @@ import tvsysid as tv
 from tvsysid.figures import draw_all
 from tvsysid.figures.style import panels
 from tvsysid.report import write_experiment_report, write_report
+from tvsysid.report.experiment import experiment_figures
 from tvsysid.report.sheet import facts
 from tvsysid.studies.van_de_ruit_2021 import STUDY
-from tvsysid.studies.van_de_ruit_2021.folder import experiment_figures
 
 HOSTILE = "mine:<script>alert(1)</script>"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

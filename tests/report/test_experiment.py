@@ -6,8 +6,7 @@ from tests.report.conftest import pictures
 from tests.report.elements import Elements, section, table
 
 from tvsysid.report import problems, write_experiment_report
-from tvsysid.report.experiment import metrics
-from tvsysid.studies.van_de_ruit_2021.folder import experiment_figures
+from tvsysid.report.experiment import experiment_figures, metrics
 
 
 @pytest.fixture(scope="session")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import base64
 import warnings
 from collections.abc import Callable, Mapping
+from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
@@ -33,6 +34,11 @@ class Illustration:
     draw: Callable[[], Figure]
     title: str
     description: str = ""
+
+
+def illustrated(draw: Callable[..., Any], *data: Any, title: str, text: str) -> Illustration:
+    """Return the figure that a function draws of data, with its title and its content in words."""
+    return Illustration(partial(draw, *data, title=title), title, text)
 
 
 @attrs.frozen

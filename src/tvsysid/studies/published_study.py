@@ -20,6 +20,7 @@ from tvsysid.figures import (
     method_comparison,
 )
 from tvsysid.figures.results import scenario_traits
+from tvsysid.figures.saving import illustrated
 from tvsysid.figures.words import described
 from tvsysid.quality import Diagnosis
 from tvsysid.recordings.write import write_table
@@ -142,11 +143,6 @@ class PublishedStudy:
         page = folder / "report.html"
         write_report(page, results, summary, claims, pictures, command, self.says)
         return Written(summary, claims, ("report.html", *tables, "figures/"))
-
-
-def illustrated(draw: Callable[..., Any], *data: Any, title: str, text: str) -> Illustration:
-    """Return the figure that a function draws of data, with its title and its content in words."""
-    return Illustration(partial(draw, *data, title=title), title, text)
 
 
 def comparison(results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str]) -> Illustration:

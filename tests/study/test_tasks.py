@@ -57,7 +57,7 @@ def test_missing_cut_and_damaged_files_are_made_again(tmp_path):
 
 @pytest.mark.slow
 def test_results_that_are_missing_or_damaged_are_refused_and_made_again(tmp_path):
-    with pytest.raises(tv.InputError, match=r"results\.nc: there is no such file"):
+    with pytest.raises(tv.InputError, match=r"results\.nc: this file is missing"):
         read_results(tmp_path)
     counted(tmp_path)
     file = tmp_path / "results.nc"

@@ -89,11 +89,11 @@ def results_of(
 
 def _preparation_of(prepared: Prepared) -> Scores:
     """Return what became of a recording, by the names of variables."""
-    preparation, ensemble = prepared.preparation, prepared.ensemble
+    preparation = prepared.preparation
     excluded_by = [] if preparation is None else preparation.table.excluded_by.tolist()
     counts = {
         "recorded": len(excluded_by),
-        "survivors": 0 if ensemble is None else len(ensemble),
+        "survivors": excluded_by.count(""),
         **{f"excluded_{name}": excluded_by.count(step) for name, step in STEPS.items()},
         "remarks": "\n".join(prepared.remarks),
         "digest": prepared.digest,

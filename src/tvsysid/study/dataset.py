@@ -126,14 +126,10 @@ def read_results(folder: str | Path) -> xr.Dataset:
     file = Path(folder) / RESULTS
     try:
         results = xr.load_dataset(file, engine="h5netcdf")
-    except FileNotFoundError as error:
-        raise InputError(
-            f"{file}: there is no such file. Give the folder of a study. If the study was "
-            "interrupted, run its command again to finish it"
-        ) from error
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise InputError(
-            f"{file}: this file is damaged. Run the command of the study again to make it anew"
+            f"{file}: this file is {'damaged' if file.exists() else 'missing'}. Give the folder of "
+            "a study. If it is one, run its command again"
         ) from error
     if results.attrs.get("title") not in (SIMULATIONS, EXPERIMENT):
         raise InputError(f"{file}: these are no results of a study by tvsysid")

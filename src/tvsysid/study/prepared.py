@@ -155,14 +155,10 @@ def _prepared(
     over_time = {"mean_torque": signals[TORQUE].mean(axis=0)}
     if reference in signals:
         over_time["target_torque"] = signals[reference].mean(axis=0)
-    most = max(each.realizations for each in experiment.analyses)
-    if most > (count := len(ensemble)):
-        text = f"draws hold at most {count} realizations, which is all that were kept, not {most}"
-        warnings.warn(text, DataQualityWarning, stacklevel=2)
     return {
         "preparation": preparation,
         "over_time": over_time,
-        "excerpt": excerpt(recording, reference),
+        "excerpt": excerpt(recording, str(reference)),
         "ensemble": attrs.evolve(
             ensemble, channels={name: ensemble.channels[name] for name in own}
         ),
@@ -170,12 +166,13 @@ def _prepared(
     }
 
 
-def excerpt(recording: Recording, reference: str | None = "target") -> Recording:
+def excerpt(recording: Recording, reference: str = "target") -> Recording:
     """Return ten seconds from the middle of the first trial, with the target torque if any."""
-    trial, length = recording.trials[0], round(EXCERPT_S * recording.sampling_rate)
-    first = max(0, trial.stop - length) // 2
-    part, target = slice(first, min(first + length, trial.stop)), str(reference)
-    channels = {"target": recording.channels[target][part]} if target in recording.channels else {}
+    trial, own = recording.trials[0], recording.channels
+    length = min(round(EXCERPT_S * recording.sampling_rate), trial.stop)
+    first = (trial.stop - length) // 2
+    part = slice(first, first + length)
+    channels = {"target": own[reference][part]} if reference in own else {}
     return Recording(
         recording.angle[part],
         recording.torque[part],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial
@@ -23,12 +22,11 @@ from tvsysid.simulate import (
     Perturbation,
     System,
 )
+from tvsysid.simulate.conditions import is_snr
 from tvsysid.study.settings import Settings, check_keys, spawn_key, to_method, to_tuple
 from tvsysid.validators import (
-    Validator,
     at_least,
     boolean,
-    is_number,
     one_of,
     positive,
     settings_of,
@@ -46,9 +44,6 @@ PARTS: dict[str, Callable[[Any], Any]] = {
     "methods": to_method,
 }
 """Settings with values that are objects, and functions that return the object of a text."""
-decibels = Validator(
-    "a number of decibels, or inf for no noise", lambda value: is_number(value) or value == math.inf
-)
 
 
 class Scenario(NamedTuple):
@@ -66,8 +61,10 @@ class Scenario(NamedTuple):
         """Name in results and files."""
         words = [self.stiffness, self.perturbation]
         words += [f"{self.duration_s:.10g}s", f"{self.snr_db:.10g}dB"]
-        words += [self.viscosity] * (self.viscosity == "covarying")
-        words = [self.system] * (self.system != "joint") + words
+        if self.viscosity == "covarying":
+            words.append(self.viscosity)
+        if self.system != "joint":
+            words.insert(0, self.system)
         return re.sub(r"[^\w.+=,() -]+", "_", "-".join(words))
 
 
@@ -143,7 +140,7 @@ class Study(Settings):
     stiffness: tuple[Any, ...] = _values("square")
     perturbation: tuple[Any, ...] = _values("noise", "prbs")
     duration_s: tuple[float, ...] = _values(150.0, validator=positive, converter=_to_numbers)
-    snr_db: tuple[float, ...] = _values(10.0, validator=decibels, converter=_to_numbers)
+    snr_db: tuple[float, ...] = _values(10.0, validator=is_snr, converter=_to_numbers)
     viscosity: tuple[str, ...] = _values("constant", validator=one_of(Viscosity))
     system: tuple[Any, ...] = _values("joint")
     also: tuple[Mapping[str, Any], ...] = attrs.field(default=(), converter=_to_tables)

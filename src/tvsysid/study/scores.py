@@ -95,8 +95,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
         ]
     )
     samples = np.stack([*found.values()], axis=1).reshape(*shape, len(found), len(weights))
-    texts = (each.replace(" ", "·").replace("m2", "m²") for each in results.unit.values.tolist())
-    units = dict(zip(results["quantity"].values, texts, strict=True))
+    units = results.unit.to_series().str.replace(" ", "·").str.replace("m2", "m²")
     pairs = (name.rpartition(" ") for name in found)
     unit = [
         METRICS.get(metric, PERCENT) or units[quantity or MAIN] for quantity, _, metric in pairs

@@ -76,8 +76,6 @@ def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     import pandas as pd  # noqa: PLC0415  # heavy
 
     tables = {item.recorded[:2]: item.preparation.table for item in prepared if item.preparation}
-    if not tables:
-        return pd.DataFrame(columns=["recording", "shift_s", "excluded_by"])
     table = pd.concat(tables, names=["participant", "perturbation"]).reset_index()
     table.insert(0, "recording", table.participant + "-" + table.perturbation)
     return table

@@ -30,11 +30,10 @@ def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]
     own, pathways = simulation.recording.channels, simulation.pathways
     both = attrs.evolve(simulation.recording, channels={**own, **pathways})
     ensemble = segment(decimate(both, study.rate), study.period)
+    if study.subtract_mean:
+        ensemble = subtract_mean(ensemble, pathways)
     torques = {name: ensemble.signal(name)[:, ensemble.core] for name in pathways}
     ensemble = attrs.evolve(ensemble, channels={name: ensemble.channels[name] for name in own})
-    if study.subtract_mean:
-        ensemble = subtract_mean(ensemble)
-        torques = {name: each - each.mean(axis=0) for name, each in torques.items()}
     quantities = mean_quantities(simulation, ensemble)
     return ensemble, Truth(np.asarray(sum(torques.values())), quantities, torques)
 

@@ -69,7 +69,8 @@ def test_held_out_vaf_is_that_of_the_raw_data_less_means_of_the_other_realizatio
     drift = np.sin(np.arange(raw.torque.shape[1]) / 20)
     raw = attrs.evolve(raw, torque=raw.torque + drift, angle=raw.angle + 1)
     found, calls = tv.compare(tv.preprocess.subtract_mean(raw), ["sds", "birf"]), []
-    held_out = found.held_out_vaf(4, progress=lambda *done: calls.append(done))
+    torques = found.predict_held_out(4, progress=lambda *done: calls.append(done))
+    held_out = {label: tv.metrics.vaf(*each) for label, each in torques.items()}
     assert calls == [(number, 8) for number in range(8)]
     for part in np.array_split(np.arange(len(raw)), 4):
         kept, left = raw.select(np.setdiff1d(np.arange(len(raw)), part)), raw.select(part)
@@ -100,7 +101,7 @@ class Watched(tv.Method):
 def test_a_method_sees_nothing_of_the_torque_that_is_held_out():
     method = Watched()
     found = tv.compare(tv.preprocess.subtract_mean(ensemble_of(80.0)), [method])
-    assert not found.held_out_vaf()["Watched"].any()
+    assert not found.held_out_vaf["Watched"].any()
     parts = np.array_split(np.arange(40), 5)
     for (kept, every), part in zip(method.seen[1:], parts, strict=True):
         np.testing.assert_array_equal(kept.onsets, np.delete(found.ensemble.onsets, part))
@@ -115,8 +116,8 @@ def test_a_method_that_cannot_identify_without_a_fold_has_no_held_out_vaf():
     ensemble = tv.preprocess.subtract_mean(ensemble_of(20.0).select([0, 1, 2, 3]))
     found = tv.compare(ensemble, ["adaptive", "kbr"])
     with pytest.warns(tv.DataQualityWarning, match="adaptive: no held-out VAF .* at least 4 real"):
-        held_out = found.held_out_vaf()
+        held_out = found.held_out_vaf
     assert np.isnan(held_out["adaptive"]).all()
     assert np.isfinite(held_out["kbr"]).all()
     two = attrs.evolve(found, ensemble=ensemble.select([0, 1]))
-    assert np.isnan(two.held_out_vaf()["kbr"]).all()
+    assert np.isnan(two.held_out_vaf["kbr"]).all()

@@ -13,7 +13,6 @@ from tvsysid.methods.base import Method
 from tvsysid.models import OVER_TIME, Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
 from tvsysid.preprocess import bootstrap_weights
-from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least
 
@@ -54,12 +53,8 @@ class Bootstrap:
         Raises
         ------
         InputError
-            For a level that is not between 0 and 1, or a quantity that was not drawn.
+            For a level that is not between 0 and 1.
         """
-        if quantity not in self.draws:
-            raise InputError(
-                f"band: there is no {quantity!r}; the quantities are {', '.join(self.draws)}"
-            )
         freedom = np.array(self.realizations - 1.0)
         _, deviation = mean_and_spread(self.draws[quantity])
         # The variance of a draw is that of R realizations over R, not over R - 1.
@@ -68,9 +63,7 @@ class Bootstrap:
         return estimate - width, estimate + width
 
 
-def bootstrap(
-    method: Method, ensemble: Ensemble, count: int, seed: int, progress: Progress = no_progress
-) -> Bootstrap:
+def bootstrap(method: Method, ensemble: Ensemble, count: int, seed: int) -> Bootstrap:
     r"""Estimate bands from realizations drawn with replacement.
 
     .. math:: \hat k(t) \pm t_{R - 1}\, \sqrt{\frac{R}{R - 1}}\, s(t), \qquad
@@ -99,8 +92,6 @@ def bootstrap(
         Number of draws (B), at least two. 100 give the standard deviation to 7 %.
     seed
         Random seed. The same seed gives the same draws.
-    progress
-        Function that is called after each draw with the draws done and their number.
 
     Raises
     ------
@@ -132,12 +123,11 @@ def bootstrap(
     ((20, 200), (200,))
     """
     at_least(MIN_DRAWS).check("bootstrap", "count", count)
-    if len(ensemble) < MIN_DRAWS:
-        raise InputError("bootstrap: expected at least 2 realizations to draw from, got 1")
+    at_least(MIN_DRAWS).check("bootstrap", "the number of realizations", len(ensemble))
     model = method.identify(ensemble)
     weights = bootstrap_weights(len(ensemble), len(ensemble), count, seed)
     found, reasons = [], []
-    for number, times in enumerate(weights):
+    for times in weights:
         drawn = ensemble.select(np.repeat(np.arange(len(ensemble)), times))
         try:
             with warnings.catch_warnings():
@@ -145,7 +135,6 @@ def bootstrap(
                 found.append(method.identify(drawn))
         except Exception as error:  # a method may fail on few draws that are ill-conditioned
             reasons.append(describe_error(error))
-        progress(number + 1, count)
     if reasons:
         failed = (
             f"bootstrap: {method!r} could not identify {len(reasons)} of {count} draws (the first: "

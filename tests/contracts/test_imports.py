@@ -105,7 +105,7 @@ ensemble = tv.Ensemble(x, x + 1, 100.0)
 repr(tv.diagnose(ensemble))
 print("diagnosis", heavy & set(sys.modules) or "light")
 found = tv.compare(ensemble, ["birf"])
-found.held_out_vaf(2), found.vaf
+found.held_out_vaf, found.vaf
 print("comparison", heavy & set(sys.modules) or "light")
 """
     command = [sys.executable, "-W", "ignore", "-c", program]

@@ -47,7 +47,7 @@ def with_checks(
     unnamed: tuple[str, ...] = ()
     # A reference or a scheduling variable has been named
     if not isinstance(source, Recording) and not comparison.inputs.keys() & NAMED:
-        unnamed = tuple(_unnamed_references(prepared, Path(source), reading))
+        unnamed = tuple(_unnamed_references(prepared, source, reading))
     return attrs.evolve(
         comparison,
         held_out=comparison.predict_held_out(progress=progress),
@@ -56,7 +56,9 @@ def with_checks(
     )
 
 
-def _unnamed_references(prepared: PreparedRecording, file: Path, reading: Reading) -> Iterator[str]:
+def _unnamed_references(
+    prepared: PreparedRecording, file: str | Path, reading: Reading
+) -> Iterator[str]:
     """Yield a sentence for each channel that drives the angle but was not read from the file."""
     channels, ensemble = describe_file(file), prepared.ensemble
     shape, named = channels[reading.names["angle"]].shape, {*reading.names.values()}

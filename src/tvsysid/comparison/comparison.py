@@ -72,7 +72,7 @@ class Comparison:
         """Variance accounted for in each realization in %, by label, shape (realization,).
 
         It is computed on the same realizations that the model was fitted to. A method with many
-        parameters has a high VAF even where its stiffness is noise: see :meth:`held_out_vaf`.
+        parameters has a high VAF even where its stiffness is noise: see :attr:`held_out_vaf`.
         """
         return {label: vaf(self._torque, each) for label, each in self.predicted.items()}
 
@@ -109,10 +109,30 @@ class Comparison:
         return self.predict_held_out() if self.held_out is None else self.held_out
 
     @cached_property
+    def held_out_vaf(self) -> dict[str, Array]:
+        """VAF of held-out realizations in %, by label, shape (realization,).
+
+        Examples
+        --------
+        >>> import tvsysid as tv
+        >>> simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
+        ...     120, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
+        >>> ensemble = tv.preprocess.segment(
+        ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
+        >>> comparison = tv.compare(tv.preprocess.subtract_mean(ensemble), ["eirf", "sds"])
+        >>> {label: int(vaf.mean()) for label, vaf in comparison.vaf.items()}
+        {'eirf': 95, 'sds': 93}
+        >>> {label: int(vaf.mean()) for label, vaf in comparison.held_out_vaf.items()}
+        {'eirf': 84, 'sds': 92}
+        """
+        return {label: vaf(*each) for label, each in self.held_out_torque.items()}
+
+    @cached_property
     def answer(self) -> Answer:
         """Stiffness to report, and its trust. Predicts held-out realizations if necessary."""
-        held_out = {label: vaf(*each) for label, each in self.held_out_torque.items()}
-        return answer(self.ensemble, self.methods, self.models, self.recommendation, held_out)
+        return answer(
+            self.ensemble, self.methods, self.models, self.recommendation, self.held_out_vaf
+        )
 
     def __repr__(self) -> str:
         reasons = map(": ".join, {**self.skipped, **self.failed}.items())
@@ -167,7 +187,8 @@ class Comparison:
         tables: list[dict[str, Any]] = []
         for label, model in self.models.items():
             table: dict[str, Any] = {"time_s": model.time, "method": label}
-            for name in _over_time(model):
+            further = [name for name, each in model.estimates.items() if each.axes in OVER_TIME]
+            for name in dict.fromkeys([*IMPEDANCE, *further]):
                 lower, upper = model.limits(name)
                 values = model.over_time(name)
                 table |= {name: values, f"{name}_lower": lower, f"{name}_upper": upper}
@@ -228,11 +249,6 @@ class Comparison:
             where a method cannot be fitted without the fold, for a single realization, and for
             two realizations whose mean was subtracted.
 
-        Raises
-        ------
-        InputError
-            For fewer than two folds.
-
         Warns
         -----
         DataQualityWarning
@@ -246,32 +262,3 @@ class Comparison:
         amplitudes and times again.
         """
         return predict_held_out(self.ensemble, self.methods, self.models, folds, progress)
-
-    def held_out_vaf(
-        self, folds: int = FOLDS, *, progress: Progress = no_progress
-    ) -> dict[str, Array]:
-        """Return the VAF of held-out realizations in %, by label, shape (realization,).
-
-        It is :func:`tvsysid.metrics.vaf` of the torques of :meth:`predict_held_out`.
-
-        Examples
-        --------
-        >>> import tvsysid as tv
-        >>> simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
-        ...     120, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
-        >>> ensemble = tv.preprocess.segment(
-        ...     tv.preprocess.decimate(simulation.recording, 100), period=2.0)
-        >>> comparison = tv.compare(tv.preprocess.subtract_mean(ensemble), ["eirf", "sds"])
-        >>> {label: int(vaf.mean()) for label, vaf in comparison.vaf.items()}
-        {'eirf': 95, 'sds': 93}
-        >>> {label: int(vaf.mean()) for label, vaf in comparison.held_out_vaf().items()}
-        {'eirf': 84, 'sds': 92}
-        """
-        torques = self.predict_held_out(folds, progress=progress)
-        return {label: vaf(*each) for label, each in torques.items()}
-
-
-def _over_time(model: Model) -> list[str]:
-    """Return the names of the impedance and of all other estimates over time."""
-    further = (name for name, each in model.estimates.items() if each.axes in OVER_TIME)
-    return list(dict.fromkeys([*IMPEDANCE, *further]))

@@ -17,7 +17,6 @@ from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import at_least
 
 
 def predict_held_out(
@@ -28,23 +27,20 @@ def predict_held_out(
     progress: Progress,
 ) -> dict[str, Array]:
     """Return torques by label. See :meth:`tvsysid.Comparison.predict_held_out`."""
-    at_least(2).check("predict_held_out", "folds", folds)
     shape = 2, len(ensemble), ensemble.samples
     torques = {label: np.full(shape, np.nan) for label in models}
     if len(ensemble) < 2 + ensemble.mean_subtracted:
         return torques  # a single realization less its mean is zero
     parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
-    failed: dict[str, str] = {}
     with single_thread():
         for number, (part, label) in enumerate(product(parts, models)):
             progress(number, len(parts) * len(models))
             try:
                 torques[label][:, part] = _held_out(ensemble, part, methods[label], models[label])
             except Exception as error:  # a user's method may raise anything; the others go on
-                failed.setdefault(label, describe_error(error))
-    for label, reason in failed.items():
-        text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
-        warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
+                text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
+                reason = describe_error(error)
+                warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
     return torques
 
 

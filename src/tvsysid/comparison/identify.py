@@ -89,10 +89,9 @@ def compare(
                     chosen[label], evidence[label] = method.tuned(ensemble)
                 model = chosen[label].identify(ensemble)
                 predicted[label] = model.predict(ensemble)
+                models[label] = model
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed[label] = describe_error(error)
-            else:
-                models[label] = model
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
     return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)

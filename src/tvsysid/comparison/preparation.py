@@ -14,6 +14,7 @@ from tvsysid import preprocess
 from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import predicts_better
+from tvsysid.metrics import vaf
 from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
 from tvsysid.recommendation.answer import LOOP_FAULTS
 from tvsysid.recommendation.method import INVALIDATING_FAULTS
@@ -173,17 +174,14 @@ def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> 
         return 0.0, ""
     what = faults["delay"].what.partition(";")[0]
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000
-    try:
-        ensembles = [cut(delay) for delay in delays]
-        vafs = _held_out_vafs(ensembles) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
-    except InputError as error:
-        return 0.0, f"{what}; none of it is corrected: {error}"
+    ensembles = [cut(delay) for delay in delays]
+    vafs = _held_out_vafs(ensembles) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
     none, half, every = means = vafs.mean(axis=1)
     if not np.isfinite(means).all():
         return float(delays[-1]), f"{what}; all of it is corrected"
     best = int(np.argmax(means))
-    p_value = predicts_better(100 - vafs[best], 100 - vafs[-1])
-    chosen = best if p_value < SIGNIFICANCE else 2
+    is_better = predicts_better(100 - vafs[best], 100 - vafs[-1]) < SIGNIFICANCE
+    chosen = best if is_better else 2
     return float(delays[chosen]), (
         f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected: held-out VAF of adaptive "
         f"is {none:.1f} % as recorded, {half:.1f} with half and {every:.1f} with all of it "
@@ -200,5 +198,5 @@ def _held_out_vafs(ensembles: Sequence[Ensemble]) -> Array:
         warnings.simplefilter("ignore", DataQualityWarning)
         found = compare(ensembles[0], ["adaptive"])
         each_found = [attrs.evolve(found, ensemble=each) for each in ensembles]
-        vafs = [each.held_out_vaf(2)["adaptive"] for each in each_found]
+        vafs = [vaf(*each.predict_held_out(2)["adaptive"]) for each in each_found]
     return np.array([each[: min(map(len, vafs))] for each in vafs])

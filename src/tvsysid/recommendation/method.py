@@ -42,7 +42,6 @@ class DataProperties:
     """Properties of the data that the rules ask for. NaN, or None, where there is none."""
 
     realizations: int = 0
-    duration: float = math.nan  # s, of a realization
     reference: str | None = None
     scheduling: str | None = None
     information: float = math.nan  # realizations at a signal-to-noise ratio of 0 dB
@@ -56,11 +55,6 @@ class DataProperties:
     def is_slow(self) -> bool:
         """Whether the torque's noise is slow."""
         return self.slow_noise > SLOW_NOISE_DB
-
-    @property
-    def has_feedback(self) -> bool:
-        """Whether noise in the torque moves the angle."""
-        return "feedback" in self.faults
 
     @property
     def is_loud(self) -> bool:
@@ -110,7 +104,9 @@ RULES = (
         f"{CLOSED_LOOP}, but not {{reference!r}}",
     ),
     Rule(
-        lambda data: data.loop_bias > 5 or (data.has_feedback and data.reference is not None),
+        lambda data: (
+            data.loop_bias > 5 or ("feedback" in data.faults and data.reference is not None)
+        ),
         (
             "kbr:reference={reference},weighting=residual,tuned=true",
             "kbr:reference={reference},weighting=residual",
@@ -119,7 +115,7 @@ RULES = (
         f"{CLOSED_LOOP}, but not {{reference!r}}; frequencies with little noise have more weight",
     ),
     Rule(
-        lambda data: data.has_feedback,
+        lambda data: "feedback" in data.faults,
         (),
         f"{CLOSED_LOOP}, which biases every method, and no reference is named. {RECORD_REFERENCE}",
     ),
@@ -252,7 +248,7 @@ def recommend(
         )
     for name in filter(None, (reference, scheduling)):
         ensemble.signal(name)  # raises if there is no such channel
-    measured = DataProperties(len(ensemble), ensemble.duration, reference, scheduling)
+    measured = DataProperties(len(ensemble), reference, scheduling)
     unnamed: tuple[str, ...] = ()
     with single_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
@@ -301,7 +297,7 @@ def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> 
             mean_of(KernelRegression(weighting=weighting).identify(ensemble).stiffness)
             for weighting in ("white", "residual")
         )
-        scale = max(abs(weighted), abs(plain), math.ulp(0.0))
+        scale = max(abs(weighted), abs(plain))
         measured = attrs.evolve(measured, noise_bias=100 * (weighted - plain) / scale)
     return measured
 

@@ -98,7 +98,7 @@ def compare(
 
 
 def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:
-    """Yield ``adaptive``, and then, by what it found, the methods that check it."""
+    """Yield ``adaptive``, then the methods that check it: ``compare`` adds its model in between."""
     yield "adaptive", parse("adaptive")
     found = models.get("adaptive")
     checks = ["cascade"] if found is None else ["sds"]

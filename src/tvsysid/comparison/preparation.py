@@ -176,7 +176,7 @@ def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> 
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000
     ensembles = [cut(delay) for delay in delays]
     vafs = _held_out_vafs(ensembles) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
-    none, half, every = means = vafs.mean(axis=1)
+    none, half, whole = means = vafs.mean(axis=1)
     if not np.isfinite(means).all():
         return float(delays[-1]), f"{what}; all of it is corrected"
     best = int(np.argmax(means))
@@ -184,7 +184,7 @@ def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> 
     chosen = best if is_better else 2
     return float(delays[chosen]), (
         f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected: held-out VAF of adaptive "
-        f"is {none:.1f} % as recorded, {half:.1f} with half and {every:.1f} with all of it "
+        f"is {none:.1f} % as recorded, {half:.1f} with half and {whole:.1f} with all of it "
         "corrected"
     )
 

@@ -34,7 +34,8 @@ class ShortDataSegments(shared.ByReference):
         Largest lag on either side, in s.
     window
         Time N Δt over which the joint is assumed constant, in s. An instantaneous change is spread
-        over the window: the rise from 10 to 90 % takes 80 % of it. 0 takes each time by itself.
+        over the window: the rise from 10 to 90 % takes 80 % of it. 0 fits each time
+        separately.
     reference
         Channel that moves the joint from outside, for a joint in closed loop. The angle that it
         predicts takes the place of the angle (:mod:`tvsysid.methods.shared.instrument`).

@@ -39,7 +39,7 @@ INVALIDATING_FAULTS = (
 
 @attrs.frozen
 class DataProperties:
-    """Properties of the data that the rules ask for. NaN, or None, where there is none."""
+    """Properties of the data that the rules use. NaN or None where unknown."""
 
     realizations: int = 0
     reference: str | None = None
@@ -185,7 +185,8 @@ class Recommendation:
     def select(self, methods: Mapping[str, Method]) -> list[str]:
         """Return the labels of the ``methods`` that suit, the best first.
 
-        A method whose settings were chosen from the data suits as its default does.
+        A method suits if it has the settings that the recommendation names. Whether they were
+        chosen from the data does not matter.
         """
         return [
             label
@@ -279,7 +280,7 @@ def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iter
 
 
 def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> DataProperties:
-    """Add to the ``known`` properties what the diagnosis and fits to the ensemble tell."""
+    """Add to the ``known`` properties those from the diagnosis and from fits to the ensemble."""
     findings = {each.name: each for each in diagnosis.checks}
     ratio, loop = diagnosis.measures["signal-to-noise ratio"][0], findings.get("loop-bias")
     measured = attrs.evolve(

@@ -69,7 +69,7 @@ def recordings_in(paths: Iterable[Path]) -> list[Path]:
 
 
 def read_channels(file: Path, reader: str) -> dict[str, Channel]:
-    """Return the channels of a file by name, with the rates that variables beside them state."""
+    """Return the channels of a file by name. A variable such as ``fs`` gives its group's rate."""
     channels: dict[str, Channel] = {}
     rates: dict[str, object] = {}
     for name, channel in _read(file, reader):
@@ -107,7 +107,7 @@ def _call(function: Callable[..., Result], file: Path, reader: str, *arguments: 
 
 
 def _group(name: str) -> str:
-    """Return the group or structure that a channel is in, with the sign that ends it."""
+    """Return the group or structure of a channel, with its last separator: ``run/`` or ``run.``."""
     return name[: max(name.rfind("/"), name.rfind(".")) + 1]
 
 

@@ -200,7 +200,7 @@ def join_trials(recordings: Sequence[Recording]) -> Recording:
 def _read_signals(
     file: Path, reading: Reading
 ) -> tuple[dict[str, Channel], dict[str, Array], tuple[int, ...]]:
-    """Return the channel and the values of each signal, and the first sample of each trial."""
+    """Return the channel and the values by signal, and the first sample of each trial."""
     file_channels = describe_file(file)
     rates = {
         file_channels[name].sampling_rate
@@ -215,9 +215,9 @@ def _read_signals(
         raise InputError(
             f"no channel {missing[0]!r}; the file holds {_listed(file_channels) or 'nothing'}"
         )
-    channels = {own: file_channels[name] for own, name in names.items()}
-    matrices = {own: _as_matrix(name, file_channels[name]) for own, name in names.items()}
-    layouts = {(matrices[own].shape, channels[own].trial_starts) for own in names}
+    channels = {signal: file_channels[name] for signal, name in names.items()}
+    matrices = {signal: _as_matrix(name, file_channels[name]) for signal, name in names.items()}
+    layouts = {(matrices[signal].shape, channels[signal].trial_starts) for signal in names}
     if len(layouts) > 1:
         raise InputError(
             "the channels have different lengths or trials: "
@@ -233,7 +233,7 @@ def _read_signals(
             f"the channels are {len(segments)} segments with gaps between them; read each as a "
             "trial (--columns trials)"
         )
-    return channels, {own: each.ravel(order="F") for own, each in matrices.items()}, starts
+    return channels, {signal: each.ravel(order="F") for signal, each in matrices.items()}, starts
 
 
 def _listed(channels: Mapping[str, Channel]) -> str:
@@ -279,15 +279,17 @@ def _contradictions(
     for rate in rates:
         if abs(rate - given) > RATE_TOLERANCE * given:
             yield f"the file states {rate:g} Hz, you gave {given:g} Hz; check the rate"
-    for own, unit in (("angle", reading.angle_unit), ("torque", reading.torque_unit)):
-        stated = channels[own].unit
+    for signal, unit in (("angle", reading.angle_unit), ("torque", reading.torque_unit)):
+        stated = channels[signal].unit
         plain = re.sub(r"[\s·⋅.*\-_()\[\]]", "", stated.lower())
-        known = [each for each, (_, word) in UNITS[own].items() if re.fullmatch(word, plain)]
+        known = [
+            each for each, (_, spelling) in UNITS[signal].items() if re.fullmatch(spelling, plain)
+        ]
         if stated and unit not in known:
-            remedy = f"add --{own}-unit {known[0]}" if known else "convert it"
+            remedy = f"add --{signal}-unit {known[0]}" if known else "convert it"
             yield (
-                f"the file states the unit {stated!r} for {names[own]}, but it is read in {unit}; "
-                f"{remedy}"
+                f"the file states the unit {stated!r} for {names[signal]}, but it is read in "
+                f"{unit}; {remedy}"
             )
     rms = float(np.std(recording.angle))
     if rms > MAX_ANGLE_RMS_RAD:

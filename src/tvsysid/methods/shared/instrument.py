@@ -50,7 +50,7 @@ class ByReference(Method):
 
     @abstractmethod
     def _fit(self, ensemble: Ensemble, moved: Ensemble) -> Model:
-        """Return the model by the angle of ``moved``, which is the ensemble without a reference."""
+        """Return the model. ``moved`` has the angle predicted by the reference, if there is one."""
 
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
@@ -108,8 +108,8 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
         values = values - values.mean(axis=0)
     if len(ensemble) < 2 or not np.any(values):
         raise InputError(
-            f"the reference {reference!r} does not vary between realizations; it predicts the "
-            "angle of a realization by what the others tell"
+            f"the reference {reference!r} does not vary between realizations, so it cannot "
+            "predict how the angle differs between them"
         )
     early, late = lag_samples(ensemble.sampling_rate)
     whole = np.pad(values, ((0, 0), (late, early)))

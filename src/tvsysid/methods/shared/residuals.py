@@ -23,7 +23,7 @@ from tvsysid.signals import Array, Ensemble
 
 # seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
 LONGEST_COLOUR = 0.25
-LEAST_LEFT = 0.1  # share of the noise that a residual is taken to hold at least
+LEAST_LEFT = 0.1  # minimum share of the noise's variance that is in a residual
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
@@ -88,9 +88,9 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
 
 
 def noise_ratio(measured: Array, predicted: Array) -> float:
-    """Return the power of the noise from residuals by the measured and the predicted angle.
+    """Return the power of the residual with the measured angle over that with the predicted angle.
 
-    It is relative to the latter residual, which also holds the torque of what noise moves.
+    The residual with the predicted angle also holds the torque of the movement that noise causes.
     """
     return float(np.sum(measured**2) / np.sum(predicted**2))
 
@@ -135,9 +135,9 @@ def noise_colour(
     filters: Array,
     seen: Array | float = 1.0,
 ) -> tuple[Array, Array]:
-    """Return the autocorrelation (lag,) of the noise, and what it does to a fit's variances.
+    """Return the noise's autocorrelation (lag,), and factors (regressor,) of a fit's variances.
 
-    The factors (regressor,) are relative to the variances under white noise.
+    The factors are relative to the variances under white noise.
 
     Parameters
     ----------
@@ -177,8 +177,8 @@ def posterior_errors(
     Parameters
     ----------
     expansions
-        What the coefficients are multiplied by to give stiffness, viscosity and inertia over time,
-        shape (3, time, coefficient).
+        Matrices that give stiffness, viscosity and inertia over time from the coefficients, shape
+        (3, time, coefficient).
     covariance
         Covariance (coefficient, coefficient) of the coefficients.
     freedom

@@ -89,8 +89,8 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
 def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:
     """Return angle and torque as far as lags and windows reach.
 
-    Return also how many samples of a window may lie beyond the realization: the context that the
-    lags leave.
+    Return also how many samples of a window may lie beyond either end of the realization. The lags
+    need the rest of the context.
     """
     margin = min(half, max(0, ensemble.context - lags))
     first = ensemble.context + missing_edge(lags, ensemble) - margin - lags
@@ -101,9 +101,10 @@ def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Arra
 def window_model(
     ensemble: Ensemble, moved: Ensemble, windows: Windows, half: int, needed: int
 ) -> ImpulseResponseModel:
-    """Return the model of windows by the angle of ``moved``, which is that of a reference or not.
+    """Return the model of ``windows``, which were solved for the ensemble ``moved``.
 
-    Bands are where a window has the ``needed`` samples.
+    ``moved`` has the angle that the reference predicts, if there is one. There is a band where a
+    window has at least ``needed`` independent samples.
     """
     lags = windows.weights.shape[1] // 2
     missing = missing_edge(lags, ensemble)
@@ -140,8 +141,8 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     with the autocorrelation :math:`\rho` of the residual at all times.
     """
     lags = windows.weights.shape[1] // 2
-    # So many lagged angles share hardly anything with those of the next sample: the fit takes
-    # variance only.
+    # The regressors of neighbouring samples are nearly independent. The fit therefore lowers the
+    # variance of the residual, but not its autocovariance at other lags.
     taken = np.zeros(2 * half + 1)
     taken[0] = np.mean(windows.rank / windows.independent)
     left = autocovariance(residual(ensemble, windows.weights), 2 * half)

@@ -75,8 +75,9 @@ def draw_all(
         svg = drawn(figure, "svg")
         pictures[stem] = Picture(each.title, each.description, svg, *size_in_pixels(figure))
         if folder is not None:
-            for ending in ("svg", "png", "pdf"):
-                save(figure, Path(folder) / f"{stem}.{ending}")
+            _write(svg, Path(folder) / f"{stem}.svg")
+            for format in ("png", "pdf"):
+                _write(drawn(figure, format), Path(folder) / f"{stem}.{format}")
     return pictures
 
 
@@ -87,10 +88,13 @@ def save(figure: Figure, path: str | Path) -> None:
     """
     from matplotlib import pyplot  # noqa: PLC0415  # heavy
 
-    content = drawn(figure, Path(path).suffix.removeprefix("."))
+    _write(drawn(figure, Path(path).suffix.removeprefix(".")), path)
+    pyplot.close(figure)
+
+
+def _write(content: bytes, path: str | Path) -> None:
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
-    pyplot.close(figure)
 
 
 def drawn(figure: Figure, format: str) -> bytes:

@@ -32,6 +32,7 @@ reference = false
 task_limit = false
 residual_limit = false
 ends = 1
+period = 2
 """
 
 

@@ -152,7 +152,7 @@ def _write_participant(file: Path, number: int, name: str, perturbation: Perturb
         f"at {rate:g} Hz, a column each; to analyse it, put this into study.toml:\n\n"
         f'[participants.P{number}]\n{key} = "{file}"\n\n[reading]\nangle = "angle"\n'
         f'torque = "torque"\nsampling_rate = {rate:g}\ncolumns = "trials"\n\n'
-        '[preparation]\nreference = "target"\n'
+        '[preparation]\nreference = "target"\nperiod = 2\n'
     )
 
 

@@ -52,8 +52,13 @@ def _to_preparation(table: Any, experiment: Any) -> dict[str, Any]:
     check_keys(table, PREPARATION, "preparation")
     settings = dict(PREPARATION)
     if (reading := experiment.reading) is not None:
+        if "period" not in table:
+            raise InputError(
+                "preparation.period: a setting is missing: give the duration of one cycle of the "
+                "movement in s"
+            )
         settings["reference"] = "target" if "target" in reading.channels else None
-        settings["rate"] = _rate(reading.sampling_rate, table.get("period", settings["period"]))
+        settings["rate"] = _rate(reading.sampling_rate, table["period"])
     return settings | {name: None if value is False else value for name, value in table.items()}
 
 

@@ -10,7 +10,7 @@ from tvsysid.study import Experiment, prepared_recordings, run
 
 SMALL = {"virtual": 1, "methods": ["birf", "esm", "kbr"], "realizations": [10, 20], "bootstraps": 4}
 READING = {"angle": "angle", "torque": "torque", "sampling_rate": 128}
-SHORT = {"reference": None, "task_limit": None, "residual_limit": None, "ends": 1.0}
+SHORT = {"reference": None, "task_limit": None, "residual_limit": None, "ends": 1.0, "period": 2}
 RATE, PERIOD = 128, 2.0
 
 

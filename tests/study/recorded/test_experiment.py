@@ -32,6 +32,7 @@ def test_by_default_it_is_the_papers_on_six_virtual_participants():
 
 def test_files_take_the_place_of_virtual_participants_and_both_may_be_named():
     files = {"participants": {"anna": {"walking": "a*.mat", "noise": "b.mat"}}, "reading": READING}
+    files["preparation"] = {"period": 2}
     for settings, labels in (
         ({}, ["anna-walking", "anna-noise"]),
         ({"virtual": 2, "perturbation": "noise"}, ["anna-noise", "P2-noise"]),
@@ -87,11 +88,15 @@ def test_a_toml_file_says_the_same(tmp_path):
             r"sampling_rate is missing; add --rate",
         ),
         (
+            {"reading": READING},
+            "preparation.period: a setting is missing",
+        ),
+        (
             {"preparation": {"ratee": 1}},
             r"preparation.ratee: unknown key \(known: reference, rate, ends",
         ),
         (
-            {"participants": {"A": "a.mat"}, "reading": READING},
+            {"participants": {"A": "a.mat"}, "reading": READING, "preparation": {"period": 2}},
             r"files by participant and perturbation.*got {'A': 'a.mat'}",
         ),
         ({"reading": READING | {"strat": 1}}, r"reading.strat: unknown key"),
@@ -116,7 +121,9 @@ def test_the_default_rate_divides_that_of_the_files_and_nothing_is_aligned(recor
     reading = READING | {"sampling_rate": recorded}
     experiment = Experiment(reading=reading, preparation={"period": period})
     assert (experiment.preparation["rate"], experiment.preparation["reference"]) == (rate, None)
-    named = Experiment(reading=reading | {"channels": {"target": "level"}})
+    named = Experiment(
+        reading=reading | {"channels": {"target": "level"}}, preparation={"period": period}
+    )
     assert named.preparation["reference"] == "target"
 
 

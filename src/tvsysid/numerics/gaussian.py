@@ -4,7 +4,7 @@ r"""Linear regression with Gaussian priors, from sums of products.
 
 A method defines the columns X and computes their :class:`Moments`. The prior precision P is
 diagonal. If P and the noise variance are known, :func:`solve` returns the posterior and its
-evidence, with gradients. Otherwise, the functions in :data:`PRIORS` choose both by maximum
+evidence, with gradients. Otherwise, :func:`ridge` and :func:`relevance` choose both by maximum
 evidence.
 """
 
@@ -208,15 +208,15 @@ def by_instruments(
     residual: Callable[[Array], float],
     number: float,
 ) -> FittedWeights:
-    r"""Return weights of columns X that noise moves, too, with instruments Z in the left factor.
+    r"""Return the weights of columns X that contain noise, by instruments Z without noise.
 
-    They follow from the ``fit`` to the instruments alone, with posterior mean m and covariance C:
+    The ``fit`` has Z in the place of X. It gives a posterior mean m and covariance C for a noise
+    variance s. The weights follow from them for any prior P:
 
     .. math:: (Z^T X + s P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
               M = (1 + C\, Z^T (X - Z) / s)^{-1}
 
-    whatever the prior P, with s the noise variance of that fit. The covariance is
-    :math:`\sigma^2 M C M^T / s`. Weights that the prior pruned stay 0.
+    Their covariance is :math:`\sigma^2 M C M^T / s`. Weights that the prior pruned stay 0.
 
     Parameters
     ----------
@@ -319,6 +319,6 @@ PRIORS: dict[str, Callable[[Moments], FittedWeights]] = {
 
 
 def _powers(gram: Array) -> Array:
-    """Return the square of each column; 1 for a column of zeros."""
+    """Return the sum of squares of each column; 1 for a column of zeros."""
     powers = np.diag(gram)
     return np.where(powers > 0, powers, 1.0)

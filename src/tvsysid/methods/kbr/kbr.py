@@ -29,7 +29,7 @@ from tvsysid.validators import Validator, is_number, one_of, optional, positive
 Weights = Literal["white", "residual"]
 
 DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
-# modulus in N·m/rad at 1 Hz of the paper's joint, for which gamma counts in (N·m/deg)²
+# modulus in N·m/rad at 1 Hz of the paper's joint, whose scale is 1 N·m/deg
 USUAL_MODULUS = 100.0
 # iterations of the residual weights; a third changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
@@ -86,11 +86,10 @@ class KernelRegression(shared.ByReference):
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
     scale
-        Unit of gamma: a gamma of 1 stands for this, in N·m/rad (N·m·s/rad of viscosity, kg·m² of
-        inertia). If None, it is 0.573 of the modulus at 1 Hz of the constant impedance that fits
-        the data best. The units of torque and angle then scale the estimates, and change nothing
-        else. For the paper's joint, with a mean of 100 N·m/rad, the scale is 57.3 N·m/rad, or 1
-        N·m/deg. ``scale=57.29578`` fixes this value: gamma is then in (N·m/deg)² for any joint.
+        Standard deviation of stiffness in N·m/rad for a gamma of 1 (of viscosity in N·m·s/rad, of
+        inertia in kg·m²). If None, it is 0.573 times the modulus at 1 Hz of the constant impedance
+        that fits the data best, so that gamma has no unit. For the paper's joint, with a mean of
+        100 N·m/rad, this is 57.3 N·m/rad, or 1 N·m/deg. ``scale=57.29578`` fixes that value.
     reference
         Channel with the disturbance that was applied, for a joint in closed loop, where torque
         noise also moves the angle. The angle that the reference predicts
@@ -111,7 +110,7 @@ class KernelRegression(shared.ByReference):
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
     of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
     with some 110 unknowns. If the decay is much shorter than the record, the cost grows with the
-    cube of the record's length: 600 s with a decay of 30 s take 3800 coefficients and some 10 s.
+    cube of the record's length: 600 s with a decay of 30 s take 3800 unknowns and some 10 s.
     The paper's decay of 120 000 s means no decay.
 
     The external term is a sum of five half-cosines over a run, without a prior.
@@ -166,7 +165,7 @@ class KernelRegression(shared.ByReference):
         moments = moments_of(runs, kernel)
         scale = self._scale(moments, kernel.columns)
         variances = np.broadcast_to(self.gamma, 3) * scale**2
-        precision = np.outer(2 / variances, kernel.precision).ravel()
+        precision = np.outer(2 / variances, kernel.precision).ravel()  # 2: see fit
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         for remaining in range(reweighted, -1, -1):
@@ -176,7 +175,7 @@ class KernelRegression(shared.ByReference):
             left = left[:, edge : ensemble.samples - edge]
             if remaining:
                 moments = moments_of(runs, kernel, whitening(runs, left))
-        # Where the derivatives lack samples at the ends of every run, nothing was identified.
+        # If each run is a single realization, none has derivatives at its ends.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         impedance = each.mean(axis=0)
         impedance[:missing] = impedance[len(impedance) - missing :] = np.nan
@@ -226,8 +225,8 @@ class KernelRegression(shared.ByReference):
         """
         if self.scale is not None:
             return self.scale
-        # The constant is the first column of a coefficient; the angle predicted from a reference
-        # comes last.
+        # The first column of each signal is its constant. The last three signals are the angle, or
+        # the one predicted from a reference, and its derivatives.
         constants = moments.take(np.arange(0, len(moments.cross), columns)[-3:])
         impedance = fit(constants, np.zeros(3)).mean
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
@@ -263,7 +262,8 @@ def fit(moments: Moments, precision: Array) -> FittedWeights:
     half of that of the complex noise. The cost of equation 16 has no half before the priors, so
     that a weight has half the variance of its kernel.
 
-    Weights whose torque the prior keeps far below the noise are 0, with the variance of the prior.
+    A weight whose torque the prior keeps far below the noise is left out: it keeps the prior's mean
+    of 0 and its variance.
     If the moments have twice as many columns as the prior, the second half are instruments
     (:func:`tvsysid.numerics.gaussian.by_instruments`).
     """
@@ -276,7 +276,7 @@ def fit(moments: Moments, precision: Array) -> FittedWeights:
         columns = np.add.outer(np.arange(0, len(moments.cross), count), kept).ravel()
         found = _fit_noise(moments.take(columns), precision[kept], noise)
         if found.noise_variance >= noise or len(kept) == count:
-            break
+            break  # with less noise than was assumed, more weights may count
         noise = 0.5 * found.noise_variance
     mean, covariance = np.zeros(count), np.diag(variances)
     mean[kept], covariance[np.ix_(kept, kept)] = found.mean, found.covariance
@@ -299,11 +299,11 @@ def _fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeight
     found: Posterior | FittedWeights
     for _ in range(ITERATIONS):
         found = posterior = solve(own, precision, noise)
-        left = posterior.residual / max(own.number - posterior.effective, 1.0)
+        variance = posterior.residual / max(own.number - posterior.effective, 1.0)
         if has_instruments:
             found = by_instruments(posterior, surplus, residual, own.number)
-            left = found.noise_variance
-        wanted = max(left, SMALLEST_RESIDUAL * power)
+            variance = found.noise_variance
+        wanted = max(variance, SMALLEST_RESIDUAL * power)
         if abs(wanted - noise) <= CONVERGED * noise:
             break
         noise = wanted

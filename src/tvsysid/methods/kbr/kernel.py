@@ -6,8 +6,9 @@ r"""Low-rank form of the locally periodic kernel, the prior of how stiffness cha
 (equation 17 of van de Ruit et al. 2021). A function with this covariance is a sum of a few known
 features with independent coefficients, so that no matrix of the record's length is ever built.
 
-Another periodic kernel needs other :func:`log_harmonic_variances`; another decay needs another
-:func:`decay_features`.
+Another periodic kernel needs other :func:`log_harmonic_variances`, and as many harmonics in
+:func:`harmonic_variances` as it has. Another decay needs another :func:`covariance`, and enough
+nodes in :func:`decay_features`.
 """
 
 from __future__ import annotations
@@ -37,12 +38,13 @@ MAX_SIZE = 1875
 class Kernel:
     """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
-    ``harmonic``, ``sine`` (0 for cosine, 1 for sine) and ``slow``, the number of the slow function,
-    define each column. ``precision`` is its prior precision for gamma = 1. All have shape
-    (column,). The first column is the constant, whose prior precision is 0. The record lasts
-    ``span`` s. The slow functions are
-    a constant and those of the decay ``l2``: the covariance with the ``nodes`` times a matrix
-    ``projection`` (node, function). A strictly periodic kernel has no nodes.
+    Each column is a ``harmonic``, a ``sine`` (1) or cosine (0), times a ``slow`` function, given by
+    its index. ``precision`` is its prior precision for gamma = 1. All have shape (column,). The
+    first column is the constant, whose prior precision is 0. The record lasts ``span`` s.
+
+    Slow function 0 is constant. The others are the eigenfunctions of the decay ``l2``: its
+    :func:`covariance` with the ``nodes``, times a matrix ``projection`` (node, function). A
+    strictly periodic kernel has none.
     """
 
     period: float
@@ -71,8 +73,8 @@ class Kernel:
                 f"over a record of {span:g} s need too many features of each coefficient; give "
                 "fewer realizations, a longer length_decay or a larger length_periodic"
             )
-        # The constant, which comes first, is strictly periodic without prior; one column of it is
-        # enough.
+        # With a decay, the first column alone has slow function 0: the eigenfunctions add up to the
+        # decay.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
         if l2 < STRICT * span:
             nodes, projection, shares = decay_features(float(clocks.min()), span, l2)
@@ -87,7 +89,7 @@ class Kernel:
 
     @property
     def columns(self) -> int:
-        """Return the number of features of each coefficient."""
+        """Return the number of features of stiffness, and as many of viscosity and inertia."""
         return len(self.precision)
 
     @property
@@ -140,7 +142,7 @@ def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
 
     Both have shape (harmonic,). They are minus infinity and 0 where a variance underflows.
     """
-    # More harmonics than this are alike; SciPy has no Bessel functions of larger numbers.
+    # Kernels of a larger kappa hardly differ, and SciPy has no Bessel functions of it.
     kappa = min(1 / (2 * l1), 1e9)
     orders = np.arange(harmonics + 1)
     own = ive(orders, kappa)
@@ -153,16 +155,17 @@ def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
 
 def harmonic_variances(l1: float) -> Array:
     """Return the variances of a constant and the harmonics that matter. Their sum is 1."""
-    most = min(math.ceil(10 + 8 * math.sqrt(min(1 / (2 * l1), 1e9))), 2 * MAX_SIZE)
-    variances = np.exp(log_harmonic_variances(l1, most)[0])
+    count = min(math.ceil(10 + 8 * math.sqrt(min(1 / (2 * l1), 1e9))), 2 * MAX_SIZE)
+    variances = np.exp(log_harmonic_variances(l1, count)[0])
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
 
 
 def decay_features(first: float, span: float, l2: float) -> tuple[Array, Array, Array]:
-    """Return nodes, projection and variances of functions that make the decay over a span in s.
+    """Return nodes, projection and mean squares of functions whose products add up to the decay.
 
-    The functions are the eigenfunctions of :func:`covariance`, largest first. They are calculated
-    on Gauss-Legendre nodes and extended to any time by the covariance itself (Nyström).
+    The functions are the eigenfunctions of :func:`covariance` over a span in s, times their
+    standard deviations, largest first. They are calculated on Gauss-Legendre nodes and extended to
+    any time by the covariance itself (Nyström).
     """
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))
     nodes = first + span * (nodes + 1) / 2

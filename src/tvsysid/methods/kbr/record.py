@@ -86,12 +86,12 @@ class Run:
         a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
         memory from growing with the record times the columns.
         """
-        last = len(self.spectra) - 1
-        signals = last // kernel.functions
-        # The torque is a signal times the first column, the constant.
-        source = np.append(np.arange(0, last, kernel.functions)[:, None] + kernel.slow, last)
+        torque = len(self.spectra) - 1
+        signals = torque // kernel.functions
+        source = np.append(np.arange(0, torque, kernel.functions)[:, None] + kernel.slow, torque)
         shift = np.append(np.tile(kernel.harmonic * self.periods, signals), 0)
-        # A cosine is half of a turn and its conjugate; a sine is a quarter of a turn later.
+        # A cosine is half the sum of a turn and its conjugate, a sine that a quarter turn later.
+        # The torque has no shift: it is the sum of two halves.
         turn = np.exp(2j * np.pi * kernel.harmonic * self.start / kernel.period)
         turn *= np.where(kernel.sine == 0, 0.5, -0.5j)
         turn = np.append(np.tile(turn, signals), 0.5)[:, None]
@@ -143,7 +143,7 @@ def moments_of(
 
     .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
     """
-    size = (len(runs[0].spectra) - 1) // kernel.functions * kernel.columns + 1
+    size = (len(runs[0].spectra) - 1) // kernel.functions * kernel.columns + 1  # and the torque
     products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
     for index, run in enumerate(runs):
         terms = external_terms(run.samples, run.known)[:, run.bins]
@@ -171,7 +171,7 @@ def whitening(runs: Sequence[Run], residual: Array) -> list[Array]:
 
     They are inverse to the root of its spectrum, whose mean is taken as 1.
     """
-    correlation = autocorrelation(residual - residual.mean())
+    correlation = autocorrelation(residual - residual.mean())  # 1 at lag 0; negative lags mirror it
     powers = [2 * rfft(correlation, run.samples)[run.bins].real - 1 for run in runs]
     mean = np.mean(np.concatenate(powers))
     return [np.sqrt(mean / each) for each in powers]

@@ -1,4 +1,4 @@
-"""Choose how fast stiffness, viscosity and inertia may change, by maximum marginal likelihood.
+"""Choose how fast stiffness, viscosity and inertia may change, for ``tuned``.
 
 The kernel's l1 and l2 say how smooth and how periodic they are, gamma how far each may be from its
 mean. :class:`Likelihood` gives the marginal likelihood of these settings and its derivatives, and
@@ -27,10 +27,10 @@ from tvsysid.signals import Array, Ensemble
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # candidates of l1, from which the search climbs
 WHOLE_RANGE = (LENGTHS[0], LENGTHS[-1])
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
-START = 1e3  # initial power of the torque that each coefficient makes, in noise variances
+START = 1e3  # initial power of the torque of stiffness, viscosity or inertia, in noise variances
 MAX_DROP, MAX_RISE = 50.0, 15.0  # largest change of log prior variances in a climb
-# coefficients above which a decay is not tried, and the given settings are not compared
-MAX_COEFFICIENTS = 2000
+# weights of features above which a decay is not tried, and the given settings are not compared
+MAX_WEIGHTS = 2000
 # decrease of the log noise variance from the start at which the data are too few to show any noise
 MAX_FALL = 12.0
 # share of the noise below which a feature's part of the torque does not count in the likelihood
@@ -92,11 +92,12 @@ class Likelihood:
         )
         flat = np.tile(self.kernel.precision == 0, 3)
         logs, slopes = log_harmonic_variances(math.exp(theta[0]), self.kernel.highest)
-        variances = np.where(flat, 0.0, theta[1 + signal] + logs[harmonic])
+        log_variances = np.where(flat, 0.0, theta[1 + signal] + logs[harmonic])
         with np.errstate(divide="ignore"):
-            strength = variances + np.log(np.diag(self.moments.gram)) - theta[4]
-        counts = flat | (strength > math.log(MIN_STRENGTH))
-        precision = np.where(flat[counts], 0.0, np.exp(-variances[counts]))
+            log_strength = log_variances + np.log(np.diag(self.moments.gram)) - theta[4]
+        counts = flat | (log_strength > math.log(MIN_STRENGTH))
+        precision = np.where(flat[counts], 0.0, np.exp(-log_variances[counts]))
+        # Real and imaginary parts have half the variance each, and so has a weight (see kbr.fit).
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
         by_gamma = np.bincount(signal[counts], found.by_variances, minlength=3)
         by_length = float(found.by_variances @ slopes[harmonic[counts]])
@@ -107,12 +108,12 @@ class Likelihood:
         low, high = start.theta - MAX_FALL, start.theta + MAX_FALL
         low[1:4], high[1:4] = start.theta[1:4] - MAX_DROP, start.theta[1:4] + MAX_RISE
         low[0], high[0] = np.log(lengths)
-        # Subtracting a likelihood keeps the stopping rule independent of the torque's unit.
-        usual = -0.5 * self.moments.number * start.theta[4]
+        # Without this part, the likelihood and the stopping rule have no unit of torque.
+        of_unit = -0.5 * self.moments.number * start.theta[4]
 
         def descent(theta: Array) -> tuple[float, Array]:
             value, slope = self(theta)
-            return usual - value, -slope
+            return of_unit - value, -slope
 
         found = scipy.optimize.minimize(
             descent,
@@ -127,7 +128,7 @@ class Likelihood:
                 "the settings of kbr cannot be found from the data: so few realizations are "
                 "explained without any noise; give more realizations, or the settings"
             )
-        return attrs.evolve(start, theta=found.x, value=usual - float(found.fun))
+        return attrs.evolve(start, theta=found.x, value=of_unit - float(found.fun))
 
 
 def tried_settings(
@@ -145,22 +146,21 @@ def tried_settings(
             kernel = Kernel.of(ensemble, math.exp(settings.theta[0]), settings.decay)
         except InputError:
             return None
-        if 3 * kernel.columns > MAX_COEFFICIENTS:
+        if 3 * kernel.columns > MAX_WEIGHTS:
             return None
         return Likelihood.of(ensemble, kernel, band, share)
 
     # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
     kernel = Kernel.of(ensemble, LENGTHS[0], ENDLESS)
-    strict = Likelihood.of(ensemble, kernel, band, share)
-    powers = strict.moments.gram.diagonal()[:: kernel.columns] / strict.moments.number
-    # Each coefficient makes a torque 1000 times the noise.
+    periodic = Likelihood.of(ensemble, kernel, band, share)
+    powers = periodic.moments.gram.diagonal()[:: kernel.columns] / periodic.moments.number
     start = Settings(ENDLESS, np.log([1.0, *(START * noise / powers), noise]), "no decay")
-    tried = [strict.climb(start, (length, length)) for length in LENGTHS]
-    best = strict.climb(max(tried, key=_value), WHOLE_RANGE)
+    tried = [periodic.climb(start, (length, length)) for length in LENGTHS]
+    best = periodic.climb(max(tried, key=_value), WHOLE_RANGE)
     if likelihood := likelihood_of(given):
         given = attrs.evolve(given, value=likelihood(given.theta)[0])
     tried = [given, *tried, best]
-    # Shorter and shorter decays, while the likelihood may rise
+    # Shorter and shorter decays, until one is less than four periods or clearly less likely
     for decay in np.array(DECAYS) * kernel.span:
         start = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
         likelihood = likelihood_of(start)

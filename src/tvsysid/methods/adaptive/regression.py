@@ -278,7 +278,7 @@ class FreeCoefficient(NamedTuple):
 
     ``solved`` (time, signal) holds, for each signal but the angle, the coefficient that explains
     it; the torque is the last signal. ``moved`` (time, time) maps the other free coefficient to the
-    change that it makes in this one. ``covariance`` (time, time) is due to noise.
+    amount by which it lowers this one. ``covariance`` (time, time) is due to noise.
     """
 
     solved: Array

@@ -59,7 +59,13 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
         participants={"P1": {"noise": "ankle.nc"}},
         reading={"angle": "angle", "torque": "torque", "sampling_rate": 1000.0}
         | {"channels": {item.name: item.name for item in toy.inputs}},
-        preparation={"reference": None, "rate": 100.0, "task_limit": None, "residual_limit": None},
+        preparation={
+            "reference": None,
+            "rate": 100.0,
+            "period": 2,
+            "task_limit": None,
+            "residual_limit": None,
+        },
         methods=[toy(), "sds"],
         realizations=40,
         bootstraps=3,

@@ -305,7 +305,7 @@ def difference(old: Any, new: Any) -> float:
     Infinity where the two cannot be compared.
     """
     if new is None or isinstance(old, str) or isinstance(new, str) or old.shape != new.shape:
-        return 0.0 if isinstance(old, str) and old == new else np.inf
+        return 0.0 if np.array_equal(old, new) else np.inf
     with np.errstate(invalid="ignore"):
         gaps = np.where((old == new) | (np.isnan(old) & np.isnan(new)), 0.0, np.abs(new - old))
     scale = np.max(np.abs(old), initial=np.finfo(float).tiny, where=np.isfinite(old))

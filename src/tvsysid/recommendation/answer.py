@@ -79,7 +79,7 @@ class Answer:
     trust
         ``"good"``, ``"doubtful"``, or ``"none"`` if no stiffness is stated.
     reasons
-        At most three sentences, the worst first: a doubt, and the option that removes it.
+        At most three sentences, the worst first: what is wrong, and the option that mends it.
     vaf
         Mean VAF of held-out realizations in %, by label. NaN if unknown.
     spread

@@ -124,7 +124,7 @@ def stiffness_to_report(
             if isinstance(diagnosis, Diagnosis):
                 diagnoses[label] = diagnosis
         rows.append((label, stiffness, method, why))
-    columns = ["recording", "stiffness (N·m/rad)", "method", "doubts"]
+    columns = ["recording", "stiffness (N·m/rad)", "method", "reasons"]
     return pd.DataFrame(rows, columns=columns), diagnoses
 
 

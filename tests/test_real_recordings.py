@@ -135,8 +135,8 @@ def test_walking_stiffness_without_its_reflex(walking, key):
     for name in ("viscosity", "reflex_gain"):
         assert model.over_time(name).min() >= 0
         assert model.estimates[name].band()[0].min() >= 0
-    held, response = model.diagnostics.warnings
-    assert "holds stiffness at 0 at 0.8" in held
+    *held, response = model.diagnostics.warnings
+    assert ["holds stiffness at 0 at 0.8" in each for each in held] == [True] * (key == "cascade")
     assert "the intrinsic response is not" in response
     assert model.diagnostics.details["reflex_detected"] == 1
     if key == "cascade":

@@ -140,7 +140,9 @@ class JointCascade(TwoPathwayMethod):
 
     def fit(self, ensemble: Ensemble) -> JointCascadeModel:
         """Return the model of an ensemble."""
-        return model_of(repr(self), self.search(ensemble).select())
+        model = model_of(repr(self), self.search(ensemble).select())
+        texts = *_held_stiffness(model), *model.diagnostics.warnings
+        return attrs.evolve(model, diagnostics=attrs.evolve(model.diagnostics, warnings=texts))
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
@@ -299,15 +301,9 @@ def _warnings(
     selection: Selection, details: Mapping[str, float], estimates: Mapping[str, Estimate]
 ) -> Iterator[str]:
     """Yield warnings of a reflex, its gain or a stiffness that are not reliable."""
-    fit, fitted, time = selection.fit, details["stiffness_fitted"], selection.search.ensemble.time
+    fit, fitted = selection.fit, details["stiffness_fitted"]
     stiffness, gain = (estimates[name].values for name in ("stiffness", "reflex_gain"))
     mean, gain_error = float(np.nanmean(stiffness)), estimates["reflex_gain"].standard_error
-    least = int(np.nanargmin(np.abs(stiffness)))
-    if abs(stiffness[least]) < ROUNDING * abs(mean):
-        yield (
-            f"the fit of both pathways holds stiffness at 0 at {time[least]:.2f} s, where it would "
-            "change its sign otherwise: this model does not describe the joint there"
-        )
     if not selection.shown:
         yield (
             "no reflex is detected in these data: stiffness, viscosity and inertia are those of a "
@@ -335,6 +331,17 @@ def _warnings(
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its "
             "range; only its mean is"
+        )
+
+
+def _held_stiffness(model: Model) -> Iterator[str]:
+    """Warn if stiffness is 0 at a time, because it keeps one sign."""
+    stiffness = np.abs(model.stiffness)
+    least = int(np.nanargmin(stiffness))
+    if stiffness[least] < ROUNDING * np.nanmean(stiffness):
+        yield (
+            f"the fit of both pathways holds stiffness at 0 at {model.time[least]:.2f} s, where it "
+            "would change its sign otherwise: this model does not describe the joint there"
         )
 
 

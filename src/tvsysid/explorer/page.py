@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -16,8 +17,10 @@ from tvsysid.explorer.outcome import Outcome, outcome
 from tvsysid.explorer.settings import Settings, method_settings, settings_from
 from tvsysid.methods import METHODS, describe, key_of
 from tvsysid.methods.settings import split_settings
+from tvsysid.recordings import Channel
 from tvsysid.recordings.reading import AngleUnit, Columns, TorqueUnit
 from tvsysid.recordings.saved import save_settings
+from tvsysid.signals import Array
 
 QUANTITIES = ("stiffness", "viscosity", "inertia", "reflex_gain")
 UNITS_AND_COLUMNS = {
@@ -29,6 +32,7 @@ UNITS_AND_COLUMNS = {
     )
 }
 MAX_TIMES = 11  # rows in the table of values over time
+PIECES = 300  # of a channel, in whose picture each has a line
 
 
 @cache
@@ -37,24 +41,22 @@ def _templates() -> Environment:
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
 
 
-def page(start: Settings, channels: Mapping[str, str]) -> str:
-    """Return the page, which begins with some settings.
-
-    ``channels`` are labels of a file's channels, by name.
-    """
+def page(start: Settings, channels: Mapping[str, Channel]) -> str:
+    """Return the page, which begins with some settings. ``channels`` are those of a file."""
     key = key_of(start.method)
     groups: dict[str, dict[str, tuple[str, dict[str, str]]]] = {}
     for name in dict.fromkeys((key, *METHODS)):
         about = describe(name)
         groups.setdefault(about.purpose, {})[name] = about.title, method_settings(name)
-    is_file = isinstance(start.source, Path)
+    labels = {name: f"{name} ({each.described})" for name, each in channels.items()}
     return (
         _templates()
         .get_template("page.html")
         .render(
             start=start,
             title=start.source.name if isinstance(start.source, Path) else "recording",
-            channels={"": "choose a channel", **channels} if is_file else {},
+            channels=channels and {"": "choose a channel", **labels},
+            lines={labels[name]: line(each.read(name)) for name, each in channels.items()},
             units=UNITS_AND_COLUMNS,
             groups=groups,
             key=key,
@@ -62,6 +64,16 @@ def page(start: Settings, channels: Mapping[str, str]) -> str:
             quantities=QUANTITIES,
         )
     )
+
+
+def line(values: Array) -> str:
+    """Return a channel over time as points of a line, from 0 to 1: the extremes of its pieces."""
+    flat = values.ravel("F").real
+    starts = np.arange(0, len(flat), max(1, len(flat) // PIECES))
+    ends = np.stack([each.reduceat(flat, starts) for each in (np.fmin, np.fmax)], 1).ravel()
+    y = np.interp(ends, [np.fmin.reduce(ends), np.fmax.reduce(ends)], [1, 0])
+    x = np.linspace(0, 1, len(ends))
+    return " ".join(f"{x[n]:.4g},{y[n]:.4g}" for n in np.flatnonzero(np.isfinite(y)))
 
 
 def result(form: Mapping[str, str], start: Settings) -> str:

@@ -17,7 +17,7 @@ from tvsysid.explorer.outcome import ONE_AT_A_TIME, forget
 from tvsysid.explorer.page import page, result
 from tvsysid.explorer.settings import Settings
 from tvsysid.preprocess.trials import nearest_rate
-from tvsysid.recordings import Reading, Segmentation, describe_file
+from tvsysid.recordings import Channel, Reading, Segmentation, describe_file
 from tvsysid.signals import Recording
 
 HOST = "127.0.0.1"
@@ -30,7 +30,7 @@ class Exploration:
     ``url`` is its address on this computer, ``close`` ends it.
     """
 
-    def __init__(self, start: Settings, channels: dict[str, str], port: int = 0) -> None:
+    def __init__(self, start: Settings, channels: dict[str, Channel], port: int = 0) -> None:
         # The address is secret: other users and other pages cannot open this page.
         path, content = f"/{secrets.token_urlsafe(12)}/", page(start, channels)
         newest: list[object] = []
@@ -60,11 +60,8 @@ class Exploration:
 
         try:
             self._server = ThreadingHTTPServer((HOST, port), Handler)
-        except (OSError, OverflowError, TypeError) as error:
-            reason = getattr(error, "strerror", None) or "expected a whole number from 0 to 65535"
-            raise InputError(
-                f"port {port}: {reason}; give another, or none for any that is free"
-            ) from error
+        except (OSError, OverflowError) as error:
+            raise InputError(f"port {port}: {error}; give another, or none for any free") from error
         self.url = f"http://{HOST}:{self._server.server_port}{path}"
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
@@ -130,11 +127,11 @@ def explore(
     rate = source.sampling_rate if isinstance(source, Recording) else reading.sampling_rate
     usual = USUAL_RATE_HZ if rate is None else nearest_rate(rate, USUAL_RATE_HZ)
     cutting = Segmentation(**{"decimate": usual} | settings)
-    channels: dict[str, str] = {}
+    channels: dict[str, Channel] = {}
     if isinstance(source, str | Path):
         source = Path(source)
         channels = {
-            name: f"{name} ({each.described})"
+            name: each
             for name, each in describe_file(source).items()
             if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
         }

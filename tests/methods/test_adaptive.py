@@ -62,7 +62,7 @@ def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, 
         for positions in ([], [12.3, 27.8], [5.0, 12.25, 30.5]):
             switches = search.CurveModel(smooth, np.array(positions))
             log_prior = each.log_prior - len(positions) * np.log(40)
-            for found in averaging.weighed([smooth], [switches]):
+            for found in averaging.weigh([smooth], [switches]):
                 gain, mean, error = dense_posterior(estimate, covariance, found)
                 chance = log_prior - bool(positions) * np.log(6 if periodic else 3)
                 assert found.evidence == pytest.approx(gain + chance, abs=1e-5)
@@ -102,7 +102,7 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
     ensemble = ensemble_of(40.0, "square", "prbs")
     signals = Signals.of_second_order(ensemble)
     u, v, a, y = signals.columns
-    free = regression.FreeEstimates(ensemble, signals)
+    free = regression.FreeRegression(ensemble, signals)
     design = np.stack([[*np.diag(u[r]), v[r], a[r]] for r in range(len(u))]).swapaxes(1, 2)
     for weights in (np.eye(200), np.linalg.inv(toeplitz(0.9 ** np.arange(200)))):
         expected = np.linalg.solve(
@@ -110,7 +110,7 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
             np.einsum("rti,ts,rs->i", design, weights, y, optimize=True),
         )
         filters = np.linalg.cholesky(weights).T
-        free.weights = (regression.Weighted.by(signals.columns, filters, low_band=False),) * 2
+        free.weighted = (regression.Products.of(signals.columns, filters, low_band=False),) * 2
         free._solve(np.zeros(200), signals.prior_precision)
         found = [*free.coefficients[regression.U], *free.constants]
         np.testing.assert_allclose(found, expected, rtol=1e-8)
@@ -270,7 +270,7 @@ def test_a_refit_keeps_what_the_whole_found_and_predicts_as_well(reflex_gain, mo
     ensemble = reflex_ensemble(40.0, snr_db=10, stiffness=square, reflex_gain=reflex_gain)
     kept, left = ensemble.select(range(14)), ensemble.select(range(14, len(ensemble)))
     whole, anew = (METHOD.identify(data) for data in (ensemble, kept))
-    monkeypatch.setattr(averaging, "propose_switches", None)
+    monkeypatch.setattr(averaging, "search_switches", None)
     vafs = [
         tv.metrics.vaf(left.torque[:, left.core], each.predict(left)).mean()
         for each in (METHOD.refit(kept, whole), anew)

@@ -28,7 +28,7 @@ def test_the_search_finds_stairs_of_which_no_step_alone_is_worth_much():
         estimate = evidence.FreeEstimate(axis, values, np.eye(200) / 0.1, 1.0)
         smooths = [evidence.SmoothFit(estimate, each) for each in prior.smooth_priors(axis)[::8]]
         grid = search.Grid(estimate)
-        sets = search.propose_switches([search.first_model(each, grid) for each in smooths], grid)
+        sets = search.search_switches([search.first_model(each, grid) for each in smooths], grid)
         true = max(search.CurveModel(each, edges).refined().total for each in smooths)
         best = max(each.refined().total for each in sets)
         assert best > true - 0.5

@@ -12,7 +12,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage, average
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
-from tvsysid.methods.adaptive.regression import A, FreeEstimates, Signals, V, pooling_reach
+from tvsysid.methods.adaptive.regression import A, FreeRegression, Signals, V, pooling_reach
 from tvsysid.methods.adaptive.search import CurveModel
 from tvsysid.methods.cascade.cascade import JointCascade, contradicted
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
@@ -22,7 +22,6 @@ from tvsysid.signals import Ensemble
 
 MIN_REALIZATIONS = 4
 MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # of a realization that have derivatives
-MAX_ROUNDS = 2  # of stiffness beside a viscosity that changes
 
 Hypotheses = Mapping[str, Sequence[Hypothesis]]  # by quantity
 
@@ -36,11 +35,11 @@ class AdaptiveRegression(base.Method):
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta + e(t), \qquad
               k(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
 
-    with c a constant, f none, a Gaussian process of some standard deviation and length
-    (squared-exponential, or Matérn 3/2 for corners) or a sum of few cosines and sines, and a few
-    switches :math:`\Delta_j` at times :math:`s_j`, also between samples. All models are averaged by
-    their evidence: with and without a smooth part, with any roughness, and with any number, size
-    and time of the switches.
+    Stiffness is a constant c plus a smooth part f plus a few switches. A switch by
+    :math:`\Delta_j` at :math:`s_j`, also between samples, is a unit step h. The smooth part may be
+    absent, a Gaussian process (squared-exponential, or Matérn 3/2 for corners) of some standard
+    deviation and length, or a sum of few cosines and sines. All these models are averaged, weighted
+    by their evidence, with any number, size and time of the switches.
 
     Parameters
     ----------
@@ -173,24 +172,24 @@ class AdaptiveRegression(base.Method):
     ) -> AdaptiveModel:
         """Return the model. If there are known hypotheses, no others are searched for.
 
-        Stiffness is estimated beside a constant viscosity. Where viscosity changes, each is
-        estimated again beside the other, at last without a search. With a reflex, the viscosity is
-        that of the reflex's model.
+        Stiffness is estimated beside a constant viscosity, then viscosity beside this stiffness. If
+        viscosity probably changes, this is repeated twice, with stiffness beside this viscosity.
+        The last time, the hypotheses are those of the time before. With a reflex, only stiffness is
+        estimated: the viscosity is that of the reflex's model.
         """
         signals = Signals.of_second_order(ensemble)
         if selection is not None:
             signals = Signals.with_reflex(ensemble, selection)
-        free, found = FreeEstimates(ensemble, signals), dict[str, ModelAverage]()
-        for turn in range(1 + MAX_ROUNDS):
-            if turn == MAX_ROUNDS:
-                known = known or {name: each.hypotheses for name, each in found.items()}
-            beside = found["viscosity"].mixture if found else None
-            stiffness = average(free.stiffness(beside), known.get("stiffness", ()))
-            found = {"stiffness": stiffness}
+        free, found = FreeRegression(ensemble, signals), dict[str, ModelAverage]()
+        for is_last in (False, False, True):
+            if is_last:
+                known = known or {quantity: each.hypotheses for quantity, each in found.items()}
+            viscosity = found["viscosity"].mixture if found else None
+            found["stiffness"] = average(free.stiffness(viscosity), known.get("stiffness", ()))
             if selection is not None:
                 break
-            viscosity = free.viscosity(stiffness.mixture)
-            found["viscosity"] = average(viscosity, known.get("viscosity", ()))
+            free_viscosity = free.viscosity(found["stiffness"].mixture)
+            found["viscosity"] = average(free_viscosity, known.get("viscosity", ()))
             if found["viscosity"].probability(CurveModel.is_constant) > 0.5:
                 break
         return model_of(repr(self), free, found)
@@ -212,14 +211,13 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
     return selection if selection.shown else None
 
 
-def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) -> AdaptiveModel:
+def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage]) -> AdaptiveModel:
     """Return the model with the posterior of stiffness, and of viscosity if there is no reflex."""
     ensemble, signals, times = free.ensemble, free.signals, free.axis.times
     rate, reflex = ensemble.sampling_rate, signals.reflex
+    # Those of the noise's strength, which is estimated from the samples that it is pooled over
     pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
-    freedom, total_freedom = (
-        np.array((signals.independent - 1.0) * each - 2) for each in (pooled, times)
-    )
+    freedom = (signals.independent - 1.0) * pooled - 2
     estimates = {} if reflex is None else dict(reflex.estimates)
     details = {"periodic": float(free.axis.periodic), "reflex_detected": float(reflex is not None)}
     for quantity, posterior in found.items():
@@ -227,18 +225,16 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) 
         means = np.maximum(means, 0.0) if quantity == "viscosity" else means
         over_time = (base.padded(each, *signals.edges) for each in (means, variances))
         mixture = Mixture(weights, *over_time)
-        errors = np.sqrt(mixture.variance())
-        error = MixtureError(errors, freedom, posterior.arc(), mixture=mixture)
+        error = MixtureError(np.sqrt(mixture.variance()), freedom, posterior.arc(), mixture=mixture)
         estimates[quantity] = Estimate(mixture.mean(), UNITS[quantity], error=error)
         details[f"constant_{quantity}"] = posterior.probability(CurveModel.is_constant)
         details[f"smooth_{quantity}"] = posterior.probability(CurveModel.is_smooth)
     if reflex is None:
-        known = 0 * errors  # NaN at the missing edges
-        errors = known + np.sqrt(free.covariance[A - V, A - V])
+        inertia = free.constants[A - V], np.sqrt(free.covariance[A - V, A - V])
+        values, errors = base.padded(np.full((times, 2), inertia), *signals.edges).T
+        of_all = (signals.independent - 1.0) * times - 2
         estimates["inertia"] = Estimate(
-            known + free.constants[A - V],
-            UNITS["inertia"],
-            error=StandardError(errors, total_freedom, 0.0),
+            values, UNITS["inertia"], error=StandardError(errors, of_all, arc=0.0)
         )
         impedance = np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
         left, first = shared.second_order_residual(ensemble, impedance)
@@ -260,7 +256,7 @@ def model_of(name: str, free: FreeEstimates, found: Mapping[str, ModelAverage]) 
     )
 
 
-def warnings_of(free: FreeEstimates, found: Mapping[str, ModelAverage]) -> Iterator[str]:
+def warnings_of(free: FreeRegression, found: Mapping[str, ModelAverage]) -> Iterator[str]:
     """Yield what the data do not determine, and what the fit does not explain."""
     undetermined = []
     if len(free.ensemble) < MIN_TESTED_REALIZATIONS:

@@ -30,7 +30,7 @@ from tvsysid.methods.adaptive.search import (
     CurveModel,
     Grid,
     first_model,
-    propose_switches,
+    search_switches,
 )
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import arc_length
@@ -40,7 +40,7 @@ MIN_WEIGHT = 0.002  # smallest weight of a model in the mixture
 MAX_COMPONENTS = 48  # positions of a switch in the mixture, for a model that has all the weight
 MAX_OFFSET = 0.26  # samples between switches up to which two sets of switches are the same
 SMEAR_SPACING = 1 / 4  # samples between positions where smears are compared
-MAX_LOSS = 3.0  # of log evidence against the usual low-pass, up to which another smear is averaged
+MAX_SMEAR_LOSS = 3.0  # loss of log evidence against the usual low-pass up to which a smear joins
 BY_EVIDENCE = attrgetter("evidence")
 
 
@@ -62,7 +62,7 @@ class Mixture(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A prior of the smooth part, and switches at positions in samples, smeared by an axis."""
+    """A prior of the smooth part, and switches at positions in samples on an axis."""
 
     axis: Axis
     prior: SmoothPrior
@@ -70,10 +70,12 @@ class Hypothesis(NamedTuple):
 
 
 class OverTime(NamedTuple):
-    """Posterior over time for sets of positions of switches.
+    """Posterior over time of a model, for several sets of exact positions of its switches.
 
-    ``means`` and ``variances`` have shape (time, set). ``sizes`` (set, switch) are those of the
-    switches, with a ``covariance``. The values depend on them by ``shapes`` (set, time, switch).
+    ``means`` and ``variances`` have shape (time, set). ``sizes`` (set, switch) are the posterior
+    means of the switches' sizes, and ``covariance`` (set, switch, switch) is theirs. ``shapes``
+    (set, time, switch) are what switches of size 1 add to the mean: a step, less what the smooth
+    part would explain of it.
     """
 
     means: Array
@@ -90,9 +92,9 @@ class OverTime(NamedTuple):
         shapes = true_steps - smooth.features @ steps.explained
         shapes = shapes.reshape(len(shapes), *shape).swapaxes(0, 1)
         gram = np.einsum("sisj->sij", steps.products(steps).reshape(2 * shape))
-        balanced, size = divmod(model.size_prior, len(SWITCH_SIZES))
-        covariance = size_covariances(gram)[size]
-        if balanced:
+        is_balanced, index = divmod(model.size_prior, len(SWITCH_SIZES))
+        covariance = size_covariances(gram)[index]
+        if is_balanced:
             ones = covariance.sum(axis=-1, keepdims=True)
             covariance = covariance - ones @ ones.swapaxes(1, 2) / ones.sum(axis=1, keepdims=True)
         sizes = covariance @ steps.cross.reshape(*shape, 1)
@@ -104,11 +106,11 @@ class OverTime(NamedTuple):
 
 
 def components(model: CurveModel, weight: float, best: OverTime) -> Array:
-    """Return means and variances of equal parts of the posterior, shape (2, time, component).
+    """Return means and variances of equally probable components, shape (2, time, component).
 
-    The number of parts grows with the ``weight`` of the model. ``best`` has all switches at their
-    most probable positions. The switch nearest to a time takes all its positions, the others stay
-    there.
+    Components differ in the position of the switch that is nearest to a time. The other switches
+    are at their most probable positions, where ``best`` has all of them. The number of components
+    grows with the ``weight`` of the model.
     """
     axis, own = model.smooth.estimate.axis, model.positions
     if not len(own):
@@ -118,8 +120,8 @@ def components(model: CurveModel, weight: float, best: OverTime) -> Array:
     out, shares = np.empty((2, axis.times, count)), (np.arange(count) + 0.5) / count
     for index, (window, probabilities) in enumerate(model.places):
         rows, positions = nearest == index, np.tile(own, (count, 1))
-        # Each position stands for the same share of the probability.
-        positions[:, index] = window[np.searchsorted(np.cumsum(probabilities)[:-1], shares)]
+        quantiles = np.searchsorted(np.cumsum(probabilities)[:-1], shares)
+        positions[:, index] = window[quantiles]
         moved = OverTime.of(model, positions)
         out[:, rows] = moved.means[rows], moved.variances[rows]
     if axis.jitter:
@@ -129,7 +131,11 @@ def components(model: CurveModel, weight: float, best: OverTime) -> Array:
 
 @attrs.frozen(eq=False)
 class ModelAverage:
-    """CurveModels, the best first, and the mixture of those that count, with their weights."""
+    """All models, the best first, and the mixture of the first ones, which have ``weights``.
+
+    ``over_time`` are the posteriors of these models, with switches at their best positions. The
+    mixture is in the quantity's unit.
+    """
 
     models: list[CurveModel]
     weights: Array
@@ -158,20 +164,20 @@ class ModelAverage:
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Hypotheses that count, the most probable first."""
+        """Hypotheses of the mixture, the most probable first."""
         return tuple(
             Hypothesis(each.smooth.estimate.axis, each.smooth.prior, each.positions)
             for each in self.models[: len(self.weights)]
         )
 
     def arc(self) -> float:
-        """Return the length of the path of the scaled estimate, for simultaneous bands."""
+        """Return the length that widens simultaneous bands (``arc_length``), of the best model."""
         smooth, best = self.models[0].smooth, self.over_time[0]
         features = np.hstack([smooth.features, best.shapes[0]])
         return arc_length(features, block_diag(np.eye(len(smooth.mean)), best.covariance[0]))
 
     def parameters(self) -> float:
-        """Return the best model's effective number of parameters: switches have size and time."""
+        """Return the best model's effective number of parameters. A switch has size and time."""
         best = self.models[0]
         return best.smooth.posterior.effective + 2 * len(best.positions)
 
@@ -179,88 +185,90 @@ class ModelAverage:
 def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAverage:
     """Average all plausible models of a free estimate, weighted by their evidence.
 
-    If there are ``known`` hypotheses, only these are averaged.
+    Each prior of the smooth part is fitted without switches and with one. If a constant has clearly
+    more evidence than any other of these models, there are no further ones. Otherwise, sets of
+    switches are searched for, and every smooth part is combined with every set. Sums of few
+    harmonics are then added to the smooth parts.
 
-    A low-pass filter before sampling smears a step, and so do realizations that switch at different
-    times. If there are steps, each smear is tried. The usual low-pass filter has a prior
-    probability of 1/2. The best other smear is averaged with it unless the data exclude it.
+    If there are ``known`` hypotheses, nothing is searched for: their smooth parts are combined with
+    their sets of switches.
     """
     if known:
         estimate = attrs.evolve(estimate, axis=known[0].axis)
-        return ModelAverage.of(plausible(estimate, [each.prior for each in known], known))
-    models = plausible(estimate)
-    found = ModelAverage.of(models)
-    best, usual = found.models[0], estimate.axis
-    if found.probability(lambda each: not len(each.positions)) > 0.5:
-        return found
+        fits = distinct_fits(estimate, [each.prior for each in known])
+        # Of hypotheses with the same switches, the most probable one gives the smooth part.
+        starts = {each.positions.tobytes(): each for each in reversed(known)}.values()
+        rough = [
+            CurveModel(fits[each.prior.variances.tobytes()], each.positions) for each in starts
+        ]
+        return ModelAverage.of(weigh(list(fits.values()), refined_sets(rough)))
+    smooths = list(distinct_fits(estimate, smooth_priors(estimate.axis)).values())
+    grid = Grid(estimate)
+    first = [first_model(smooth, grid) for smooth in smooths]
+    if first[0].is_constant() and all(each.score < first[0].score - 1 for each in first[1:]):
+        return ModelAverage.of(weigh(smooths, first[:1]))
+    sets = refined_sets(search_switches(first, grid))
+    models = sorted(weigh(smooths, sets), key=BY_EVIDENCE)
+    best_of = {len(each.positions) > 0: each for each in models}  # with and without switches
+    for best in best_of.values():
+        sums = few_harmonics(estimate, best.positions)
+        smooths += [SmoothFit(estimate, prior) for prior in sums]
+    found = ModelAverage.of(weigh(smooths, sets))
+    is_switching = found.probability(lambda each: len(each.positions) > 0) >= 0.5
+    return with_other_smear(found, estimate) if is_switching else found
+
+
+def distinct_fits(estimate: FreeEstimate, priors: Iterable[SmoothPrior]) -> dict[bytes, SmoothFit]:
+    """Fit each prior of the smooth part once; the keys are the bytes of its variances."""
+    distinct = {each.variances.tobytes(): each for each in priors}
+    return {key: SmoothFit(estimate, prior) for key, prior in distinct.items()}
+
+
+def refined_sets(rough: Iterable[CurveModel]) -> list[CurveModel]:
+    """Refine sets of switches, also without doubles. Return each of the resulting sets once."""
+    out: list[CurveModel] = []
+    for each in rough:
+        refined = each.refined()
+        for switches in (refined, refined.without_doubles()):
+            own, offset = switches.positions, switches.smooth.estimate.axis.offset
+            alike = (other.positions for other in out if len(other.positions) == len(own))
+            if not any((np.abs(offset(other, own)) < MAX_OFFSET).all() for other in alike):
+                out.append(switches)
+    return out
+
+
+def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverage:
+    """Average also models whose steps are smeared in another way than by the usual low-pass filter.
+
+    There may be no low-pass filter before sampling, or realizations may switch at different times.
+    The best of these smears joins with its prior probability, unless the data exclude it. All of
+    them together have the same prior probability as the usual low-pass filter.
+    """
+    usual, best = estimate.axis, found.models[0]
     smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
     smeared = [attrs.evolve(estimate, axis=axis) for axis in (*smears, usual)]
     fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
     *totals, total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
     log_prior = -math.log(len(smears))
-    if max(totals) + log_prior < total - MAX_LOSS:
+    if max(totals) + log_prior < total - MAX_SMEAR_LOSS:
         return found
-    priors = [each.prior for each in found.hypotheses]
-    beside = plausible(smeared[totals.index(max(totals))], priors)
-    beside = [each._replace(evidence=each.evidence + log_prior) for each in beside]
-    return ModelAverage.of(models + beside)
+    other = smeared[totals.index(max(totals))]
+    smooths = list(distinct_fits(other, (each.prior for each in found.hypotheses)).values())
+    grid = Grid(other)
+    sets = refined_sets(search_switches([first_model(each, grid) for each in smooths], grid))
+    models = [each._replace(evidence=each.evidence + log_prior) for each in weigh(smooths, sets)]
+    return ModelAverage.of(found.models + models)
 
 
-def plausible(
-    estimate: FreeEstimate,
-    priors: Sequence[SmoothPrior] = (),
-    known: Sequence[Hypothesis] = (),
-) -> list[CurveModel]:
-    """Return all plausible models, with steps smeared as the estimate's axis says.
-
-    ``priors`` are those of the smooth part, by default all. Search for sets of switches, unless
-    there are ``known`` hypotheses with these priors, or a constant has clearly more evidence than
-    any first model.
-    """
-    given = {each.variances.tobytes(): each for each in priors or smooth_priors(estimate.axis)}
-    fits = {key: SmoothFit(estimate, prior) for key, prior in given.items()}
-    smooths = list(fits.values())
-    if known:  # of hypotheses with the same switches, the most probable counts
-        sets = {each.positions.tobytes(): each for each in reversed(known)}.values()
-        proposals = [
-            CurveModel(fits[each.prior.variances.tobytes()], each.positions) for each in sets
-        ]
-    else:
-        grid = Grid(estimate)
-        first = [first_model(smooth, grid) for smooth in smooths]
-        clear = all(each.score < first[0].score - 1 for each in first[1:])
-        if clear and not len(first[0].positions):
-            return weighed(smooths, first[:1])
-        proposals = propose_switches(first, grid)
-    refined = [each.refined() for each in proposals]
-    found = distinct(each for one in refined for each in (one, one.without_doubles()))
-    if not priors:  # beside the best set of switches, and beside none
-        models = sorted(weighed(smooths, found), key=BY_EVIDENCE)
-        for best in {not len(each.positions): each for each in models}.values():
-            sums = few_harmonics(estimate, best.positions)
-            smooths += [SmoothFit(estimate, prior) for prior in sums]
-    return weighed(smooths, found)
-
-
-def distinct(sets: Iterable[CurveModel]) -> list[CurveModel]:
-    """Return sets of switches without repetitions."""
-    out: list[CurveModel] = []
-    for switches in sets:
-        own, offset = switches.positions, switches.smooth.estimate.axis.offset
-        alike = (each.positions for each in out if len(each.positions) == len(own))
-        if not any((np.abs(offset(each, own)) < MAX_OFFSET).all() for each in alike):
-            out.append(switches)
-    return out
-
-
-def weighed(smooths: Sequence[SmoothFit], sets: Sequence[CurveModel]) -> list[CurveModel]:
+def weigh(smooths: Sequence[SmoothFit], sets: Iterable[CurveModel]) -> list[CurveModel]:
     """Return every smooth part with every set of switches and every prior of their sizes."""
     estimate, out = smooths[0].estimate, list[CurveModel]()
     for switches in sets:
         steps = estimate.steps(switches.positions)
         beside = [smooth.beside(steps) for smooth in smooths]
-        gram, cross = zip(*((each.products(each), each.cross) for each in beside), strict=True)
-        evidence = switch_evidence(estimate.axis, np.array(gram), np.array(cross))
+        gram = np.array([each.products(each) for each in beside])
+        cross = np.array([each.cross for each in beside])
+        evidence = switch_evidence(estimate.axis, gram, cross)
         evidence = evidence if len(switches.positions) else evidence[:1]
         log_prior = switches.log_volume - math.log(len(evidence))
         out += [

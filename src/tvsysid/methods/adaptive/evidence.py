@@ -28,6 +28,7 @@ from tvsysid.methods.adaptive.prior import (
     AMPLITUDES,
     LEVEL,
     SWITCH_SIZES,
+    USUAL_SWITCH_SIZE,
     Axis,
     SmoothPrior,
     fourier_features,
@@ -37,20 +38,20 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, solve
 
 MIN_DISTANCE = 1.0  # samples between two switches
-MAX_HARMONIC = 12
-MAX_WAVES = 8  # number of cosines and sines in a sum
-WAVES_PROBABILITY = 0.1  # prior weight of all sums of harmonics; that of no smooth part is 0.5
-WAVE_ODDS = 1 / 20  # of each cosine and sine
-STEP = 0.2  # prior standard deviation of switches beside harmonics, in mean sizes
+MAX_HARMONIC = 12  # highest harmonic in a sum of few
+MAX_WAVES = 8  # number of cosines and sines in such a sum
+WAVES_PROBABILITY = 0.1  # prior weight of all such sums; that of no smooth part is 0.5
+WAVE_ODDS = 1 / 20  # prior odds that a cosine or a sine is in the sum
 
 
 class Steps(NamedTuple):
-    """Unit steps at ``positions``, and what a smooth part leaves of them.
+    """Unit steps at ``positions``, and what is left of them beside a smooth part.
 
     ``columns`` (time, step) are the steps as they are recorded, whitened by the noise. ``features``
     (feature, step) are their products with the features of the smooth part, ``explained``
-    (coefficient, step) the part of them that the smooth part explains. ``power`` (step,) are the
-    squares of what is left, and ``cross`` (step,) its products with the estimate.
+    (coefficient, step) those with its standardized features. The smooth part explains
+    explainedᵀ explained of the products of steps. ``power`` (step,) are the squares of what is
+    left, and ``cross`` (step,) its products with the estimate.
     """
 
     positions: Array
@@ -92,7 +93,7 @@ class FreeEstimate:
 
     @cached_property
     def white(self) -> Array:
-        """Features and values, whitened."""
+        """Features and, as the last column, values; all whitened by the noise."""
         return self.whitener @ np.column_stack([self.features, self.values])
 
     @cached_property
@@ -106,12 +107,12 @@ class FreeEstimate:
         The smooth part is the most probable one without switches.
         """
         smooths = (SmoothFit(self, prior) for prior in smooth_priors(self.axis))
-        left = max(smooths, key=attrgetter("score")).posterior
-        misfit = max(left.residual / (left.number - left.effective), 1.0)
+        posterior = max(smooths, key=attrgetter("score")).posterior
+        misfit = max(posterior.residual / (posterior.number - posterior.effective), 1.0)
         return attrs.evolve(self, whitener=self.whitener / math.sqrt(misfit))
 
     def steps(self, positions: Array) -> Steps:
-        """Return steps at positions, with their products."""
+        """Return steps at positions, of which no smooth part explains anything yet."""
         columns = self.whitener @ self.axis.steps(positions, recorded=True)
         products = self.white.T @ columns
         none, power = np.zeros((0, len(positions))), np.sum(columns**2, axis=0)
@@ -119,7 +120,7 @@ class FreeEstimate:
 
     @cached_property
     def window(self) -> Callable[[int, float, float], Steps]:
-        """Function that returns steps with a spacing up to a distance from a sample."""
+        """Function that returns the steps with a spacing up to a reach about a sample."""
 
         @cache
         def steps(centre: int, spacing: float, reach: float) -> Steps:
@@ -133,37 +134,38 @@ class FreeEstimate:
 
 
 class SmoothFit:
-    """Free estimate explained by one smooth part.
+    """Free estimate explained by a constant and a smooth part with one prior.
 
-    ``score`` is the log evidence relative to that of a function that is 0, plus the log prior.
-    ``mean`` (coefficient,) are the coefficients of the smooth part, in units in which their
-    posterior is white.
+    The features are standardized: they are combined so that the posterior covariance of their
+    coefficients is the identity. ``mean`` (coefficient,) is the posterior mean of these
+    coefficients. ``score`` is the log evidence plus the log prior, relative to the log evidence
+    of noise alone.
     """
 
     def __init__(self, estimate: FreeEstimate, prior: SmoothPrior) -> None:
         self.estimate, self.prior = estimate, prior
         self._kept = np.flatnonzero(prior.variances)
         self.posterior = solve(estimate.moments.take(self._kept), 1 / prior.variances[self._kept])
-        self.mean = self.whitened(estimate.moments.cross)
+        self.mean = self.standardized(estimate.moments.cross)
         explained = float(self.mean @ self.mean)
         self.score = prior.log_prior + 0.5 * (explained - self.posterior.log_determinant)
 
-    def whitened(self, products: Array) -> Array:
-        """Return products with the features in the units of ``mean``, shape (coefficient, ...)."""
+    def standardized(self, products: Array) -> Array:
+        """Turn products with features (feature, ...) into those with standardized ones."""
         return np.asarray(self.posterior.inverse_factor @ products[self._kept])
 
     @cached_property
     def features(self) -> Array:
-        """Features over time in the units of ``mean``, shape (time, coefficient)."""
-        return self.whitened(self.estimate.features.T).T
+        """Standardized features, shape (time, coefficient)."""
+        return self.standardized(self.estimate.features.T).T
 
     def steps(self, positions: Array) -> Steps:
-        """Return what the smooth part leaves of steps at positions."""
+        """Return steps at positions beside the smooth part."""
         return self.beside(self.estimate.steps(positions))
 
     def beside(self, steps: Steps) -> Steps:
-        """Return what the smooth part leaves of steps."""
-        explained = self.whitened(steps.features)
+        """Return steps with what is left of them beside the smooth part."""
+        explained = self.standardized(steps.features)
         return steps._replace(
             explained=explained,
             power=steps.power - np.sum(explained**2, axis=0),
@@ -171,7 +173,7 @@ class SmoothFit:
         )
 
     def scores_of(self, switches: Steps) -> Array:
-        """Return the score with switches, whose positions are equally likely, (size prior,)."""
+        """Return the score with switches for each prior of their sizes, shape (size prior,)."""
         gram, cross = switches.products(switches)[None], switches.cross[None]
         return self.score + switch_evidence(self.estimate.axis, gram, cross)[:, 0]
 
@@ -211,19 +213,27 @@ def switch_evidence(
 ) -> Array:
     r"""Return the log evidence for sets of switches, shape (size prior, set).
 
-    It includes the prior of their positions. The sizes have one of three variances
-    :math:`\tau^2`. On a periodic axis, these priors come twice: with free sizes, then with balanced
-    ones, which add up to zero. ``gram`` (set, switch, switch) are the products of the switches with
-    each other, ``cross`` (set, switch) those with the estimate. With A the posterior precision of n
-    switches' sizes, and b = ``cross``,
+    It is relative to that without switches, and includes the prior of the positions: all times
+    are equally likely. With G the ``gram`` of n switches, b = ``cross``, and a prior variance
+    :math:`\tau^2` of each size, one of three,
 
     .. math:: \log p = \tfrac12 \left(b^T A^{-1} b - \log|A| - n \log \tau^2\right), \qquad
               A = G + \tau^{-2} 1
 
-    Balanced sizes have the condition that their sum is zero, whose posterior mean is :math:`1^T
-    A^{-1} b`, and variance :math:`1^T A^{-1} 1`. One switch more updates the formulas by a row and
-    a column, so that there may be many ``further`` ones, each beside a single set: their products
-    with that set, their squares, and products with the estimate.
+    On a periodic axis, three priors of balanced sizes follow, which add up to zero. The ratio of
+    the sum's posterior to its prior density at zero multiplies p. Both are normal, with means
+    :math:`1^T A^{-1} b` and 0, and variances :math:`1^T A^{-1} 1` and :math:`n \tau^2`.
+
+    Parameters
+    ----------
+    gram, cross
+        Products of the switches with each other (set, switch, switch), and with the estimate (set,
+        switch).
+    further
+        Candidates for one more switch. The result then has a column for each of them, beside a
+        single given set. Their products with that set (switch, candidate), their squares
+        (candidate,), and their products with the estimate (candidate,). They update all terms by a
+        row and a column of A.
     """
     prior, count = np.square(SWITCH_SIZES)[:, None] ** -1.0, cross.shape[-1]
     covariance = size_covariances(gram)
@@ -232,11 +242,12 @@ def switch_evidence(
     log_determinant = -np.linalg.slogdet(covariance)[1]
     if further is not None:
         (mixed, power, own_cross), count = further, count + 1
-        left = np.maximum(power - np.sum(covariance[:, 0] @ mixed * mixed, axis=1), 0.0) + prior
+        explained = np.sum(covariance[:, 0] @ mixed * mixed, axis=1)
+        precision = np.maximum(power - explained, 0.0) + prior  # of the candidate's size
         answer, one = own_cross - mean[:, 0] @ mixed, 1 - ones[:, 0] @ mixed
-        square, total = square + answer**2 / left, total + answer * one / left
-        variance = variance + one**2 / left
-        log_determinant = log_determinant + np.log(left)
+        square, total = square + answer**2 / precision, total + answer * one / precision
+        variance = variance + one**2 / precision
+        log_determinant = log_determinant + np.log(precision)
     free = 0.5 * (square - log_determinant + count * np.log(prior)) - count * math.log(axis.times)
     if not axis.periodic:
         return np.asarray(free)
@@ -246,18 +257,17 @@ def switch_evidence(
 
 
 def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPrior]:
-    """Yield priors of sums of few cosines and sines.
+    """Yield priors of sums of one, two and more cosines and sines beside switches at ``positions``.
 
-    Start from a constant and steps at ``positions``. Add the cosine or sine with the most evidence,
-    one at a time, with its own prior standard deviation, one of AMPLITUDES. Yield each sum.
+    Each sum adds to the one before the cosine or sine with the most evidence, with its own prior
+    standard deviation, one of AMPLITUDES.
     """
-    steps, known = estimate.steps(positions).columns, len(positions) + 1
-    columns = np.hstack([steps, estimate.white])
+    columns = np.hstack([estimate.steps(positions).columns, estimate.white])
     moments = Moments.of(columns.T @ columns, len(columns))
-    variances = np.zeros(len(moments.cross))
-    variances[:known] = [STEP**2] * len(positions) + [LEVEL**2]
-    waves = slice(known, known + 2 * min(MAX_HARMONIC, estimate.axis.harmonics))
-    sizes, count = np.square(AMPLITUDES)[:, None], waves.stop - known
+    constant, variances = len(positions), np.zeros(columns.shape[1] - 1)
+    variances[:constant], variances[constant] = USUAL_SWITCH_SIZE**2, LEVEL**2
+    count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
+    waves, sizes = slice(constant + 1, constant + 1 + count), np.square(AMPLITUDES)[:, None]
     log_prior = math.log(WAVES_PROBABILITY) - count * math.log1p(WAVE_ODDS)
     for _ in range(min(MAX_WAVES, count)):
         own = np.flatnonzero(variances)
@@ -267,6 +277,6 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
         evidence = column_evidence(power, moments.cross[waves] - fit.mean @ mixed, sizes)
         evidence[:, variances[waves] > 0] = -np.inf
         size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
-        variances[known + wave] = sizes[size, 0]
+        variances[waves.start + wave] = sizes[size, 0]
         log_prior += math.log(WAVE_ODDS / len(sizes))
-        yield SmoothPrior(log_prior, variances[known - 1 :].copy())
+        yield SmoothPrior(log_prior, variances[constant:].copy())

@@ -19,13 +19,16 @@ from scipy.special import ndtr
 from tvsysid.numerics import Array
 
 LEVEL = 30.0  # standard deviation of the constant
-AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # prior standard deviations; Matérn lacks the first
-MIN_LENGTH = 4.0  # samples, of the roughest smooth part
+AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # prior standard deviations of a smooth part
+MIN_LENGTH = 4.0  # samples; shortest length of a smooth part
 LENGTH_RATIO = 1.6  # from one length to the next
-MAX_LENGTH = 1 / 1.2  # periods; from half a period on, one harmonic is all that is left
+MAX_LENGTH = 1 / 1.2  # periods; from half a period on, only the first harmonic is left
+# Cycles per length up to which a squared-exponential process has all but 1e-6 of its variance
+MAX_FREQUENCY = 0.78
 MIN_VARIANCE = 1e-7  # of a harmonic, relative to the first; fainter ones are left out
 MAX_HARMONICS = 160  # shorter lengths are left out of long realizations
-SWITCH_SIZES = (0.05, 0.2, 0.8)  # standard deviations of a switch, equally likely
+SWITCH_SIZES = (0.05, 0.2, 0.8)  # prior standard deviations of switches, equally likely
+USUAL_SWITCH_SIZE = SWITCH_SIZES[1]  # where only one is tried
 DECIMATOR_REACH = 15  # samples before decimation to either side that its filter reaches
 USUAL_TAPS = 1.5  # samples that it reaches after decimation by 10
 LOW_PASS = 0.33  # standard deviation of the decimation filter's impulse response in samples
@@ -33,9 +36,10 @@ JITTERS = (1.0, 1.4, 2.0, 2.8, 4.0)  # candidate standard deviations of a switch
 
 
 class SmoothPrior(NamedTuple):
-    """Prior of a constant and a smooth part, with its log probability.
+    """Prior of a constant and a smooth part.
 
-    ``variances`` (feature,) are those of a constant, and of cosines and sines.
+    ``variances`` (feature,) are those of the coefficients of the constant, and of the cosines and
+    sines of each harmonic. ``log_prior`` is the log probability of this prior among all.
     """
 
     log_prior: float
@@ -67,7 +71,7 @@ class Axis(NamedTuple):
     @property
     def harmonics(self) -> int:
         """Number of harmonics that the shortest length needs."""
-        return min(MAX_HARMONICS, max(1, int(0.78 * self.period / MIN_LENGTH)))
+        return min(MAX_HARMONICS, max(1, int(MAX_FREQUENCY * self.period / MIN_LENGTH)))
 
     def offset(self, later: ArrayLike, earlier: ArrayLike) -> Array:
         """Return the time from one position to another, at most half a period if periodic."""
@@ -112,31 +116,42 @@ def fourier_features(axis: Axis) -> Array:
     return np.hstack([np.ones((axis.times, 1)), np.exp(2j * np.pi * cycles).view(np.float64)])
 
 
+def squared_exponential(frequencies: Array) -> Array:
+    """Return the spectrum of a smooth kernel at angular frequencies times its length."""
+    return np.asarray(np.exp(-(frequencies**2) / 2))
+
+
+def matern(frequencies: Array) -> Array:
+    """Return the spectrum of the Matérn 3/2 kernel, which suits corners."""
+    return np.asarray((1 + frequencies**2 / 3) ** -2.0)
+
+
 def smooth_priors(axis: Axis) -> list[SmoothPrior]:
-    """Return the priors of the smooth part, the first of which is none.
+    """Return the priors of the smooth part, one for each kernel, length and amplitude.
 
-    None has probability 1/2. Squared-exponential processes and Matérn 3/2 processes, which suit
-    corners, have 1/4 each.
+    The first prior has no smooth part. Its probability is 1/2. The kernels share the rest.
 
-    A process is known by its spectrum: the variances of the cosines and sines of its harmonics.
-    Another kernel is another ``spectrum`` here.
+    The spectrum of a kernel gives the variances of the cosines and sines of each harmonic. To add a
+    kernel, write its spectrum, and add it with lengths and amplitudes to ``kernels``.
     """
-    harmonic = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
-    shortest = max(MIN_LENGTH, 0.78 * axis.period / (axis.harmonics + 1))
+    frequencies = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
+    shortest = max(MIN_LENGTH, MAX_FREQUENCY * axis.period / (axis.harmonics + 1))
     count = math.ceil(math.log(axis.period * MAX_LENGTH / shortest, LENGTH_RATIO))
     all_lengths = [shortest * LENGTH_RATIO**power for power in range(count)]
+    kernels = (
+        (squared_exponential, all_lengths, AMPLITUDES),
+        (matern, all_lengths[2::2], AMPLITUDES[1:]),  # fewer, to save time
+    )
     # A prior probability of 0.98 for no smooth part would reduce the random error by up to a tenth
     # where stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in
     # 40 s of PRBS.
     none = np.append(LEVEL**2, np.zeros(2 * axis.harmonics))
     out = [SmoothPrior(math.log(0.5), none)]
-    for has_corners, lengths in enumerate((all_lengths, all_lengths[2::2])):
-        amplitudes = AMPLITUDES[has_corners:]
+    for spectrum_of, lengths, amplitudes in kernels:
         for length, amplitude in product(lengths, amplitudes):
-            square = (harmonic * length) ** 2
-            spectrum = (1 + square / 3) ** -2.0 if has_corners else np.exp(-square / 2)
+            spectrum = spectrum_of(frequencies * length)
             spectrum[spectrum < MIN_VARIANCE * spectrum[0]] = 0.0
             variances = np.append(LEVEL**2, np.repeat(amplitude**2 * spectrum / spectrum.sum(), 2))
-            log_prior = math.log(0.25 / len(lengths) / len(amplitudes))
+            log_prior = math.log(0.5 / len(kernels) / len(lengths) / len(amplitudes))
             out.append(SmoothPrior(log_prior, variances))
     return out

@@ -28,17 +28,17 @@ from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Ensemble
 
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # low-pass below aliasing and the decimation filter
-STILL = 1e-9  # share of the mean power below which a signal counts as zero
+MIN_POWER = 1e-9  # share of the mean power below which a signal counts as zero
 MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
 POOLED_TIME = 0.5  # s of all realizations but one together over which it is pooled at least
-MAX_PREDICTION = 0.25  # s from which the noise is predicted
+MAX_PREDICTION = 0.25  # s before a sample from which its noise is predicted
 COLLINEAR = 1e-6  # share of power that is added where velocity and acceleration are collinear
 WHITE_SHARE = 0.01  # white noise that is added to the residual's covariance, in noise variances
 MISFIT_SHARE = 30.0  # the same where the residual is misfit
 MIN_NOISE = 1e-8  # noise variance at least, as a share of the torque's power
-MAX_EXCESS = 1.5  # of the variance of the products with velocity up to which noise is whitened
-UNKNOWN = 1e4  # squared, in units of a signal's power: prior precision that holds it at 0
-U, V, A = range(3)  # angle, velocity, acceleration; further regressors follow, the torque is last
+MAX_EXCESS = 1.5  # excess variance (of misfit) up to which the noise is whitened
+HOLDING_PRECISION = 1e8  # prior precision that holds a coefficient at 0, relative to its power
+U, V, A = range(3)  # angle, velocity, acceleration
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -49,7 +49,8 @@ class Signals:
     ----------
     columns
         Angle, velocity, acceleration, further regressors, and torque, shape (signal, realization,
-        time). The angle's coefficient is free at each time, the others are constants.
+        time). The angle's coefficient is free at each time. Those of the other regressors are the
+        constants.
     edges
         Samples at either end of a realization that are missing.
     independent
@@ -106,14 +107,15 @@ class Signals:
         )
 
 
-class FreeEstimates:
-    """Stiffness and viscosity of an ensemble, free at each time, and the constants beside them.
+class FreeRegression:
+    """Regressions that give a stiffness or a viscosity at each time, and the constants beside them.
 
     ``coefficients`` (regressor, time) are those of the last fit, whose residual gives the noise.
     ``products`` (time, signal, signal) are sums over realizations. ``constants`` are the
     coefficients of velocity, acceleration and further regressors, with a ``covariance``.
     ``identifiable`` is False if these signals are collinear. The constants are then 0 in the
-    directions that the data do not determine.
+    directions that the data do not determine. If the noise cannot be whitened, ``misfit`` are the
+    covariances (2, time, time) of viscosity and inertia that it adds.
     """
 
     coefficients: Array
@@ -134,8 +136,8 @@ class FreeEstimates:
             taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
             realizations=at_times.shape[-1],
         )
-        white = Weighted.by(signals.columns, np.eye(len(at_times)), low_band=False)
-        self.weights = white, white
+        white = Products.of(signals.columns, np.eye(len(at_times)), low_band=False)
+        self.weighted = white, white
         self._solve(np.zeros(len(at_times)), signals.prior_precision)
 
     def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
@@ -146,8 +148,8 @@ class FreeEstimates:
             self.coefficients[V] = known = viscosity.mean()
             variance = viscosity.variance()
         precision = signals.prior_precision / self._weigh()
-        if viscosity is not None:  # hold the constant that would be added to it at 0
-            precision[0] = UNKNOWN**2 * self.weights[0].constants[0, 0]
+        if viscosity is not None:  # hold the constant at 0 that would be added to it
+            precision[0] = HOLDING_PRECISION * self.weighted[0].gram[0, 0]
         free = self._solve(known, precision)
         lags = np.arange(times) / self.ensemble.sampling_rate
         variances = misfit_variances(self.products, self.coefficients, signals.independent)
@@ -160,40 +162,43 @@ class FreeEstimates:
 
     def viscosity(self, stiffness: Mixture) -> FreeEstimate:
         """Estimate viscosity beside the stiffness that was estimated last."""
-        free, other = FreeCoefficient.of(V, *self.weights), np.diag(stiffness.variance())
+        free, other = FreeCoefficient.of(V, *self.weighted), np.diag(stiffness.variance())
         values = free.values(self.constants[1:], stiffness.mean())
         return self._estimate(V, values, free.error(self.covariance[1:, 1:], other, self.misfit[1]))
 
     def _solve(self, known: Array, precision: Array) -> FreeCoefficient:
-        """Estimate the constants, and stiffness beside them and a known viscosity (time,).
+        """Estimate the constants, and stiffness beside them and a ``known`` viscosity (time,).
 
         ``precision`` (constant,) is the prior's. Return the coefficient of the angle.
         """
-        weighted, sandwich = self.weights
-        free = FreeCoefficient.of(U, weighted, sandwich)
-        beside = weighted.constants - weighted.low[U] @ free.solved
-        cross = beside[:, -1] - (weighted.low[V] - weighted.low[U] @ free.moved) @ known
-        gram = (beside[:, :-1] + beside[:, :-1].T) / 2 + np.diag(precision)
-        power = np.maximum(weighted.constants.diagonal(), np.finfo(float).tiny)
+        weighted, noise_weighted = self.weighted
+        free = FreeCoefficient.of(U, weighted, noise_weighted)
+        # Normal equations of the constants, after the free stiffness is eliminated
+        normal = weighted.gram - weighted.mixed[U] @ free.explaining
+        cross = normal[:, -1] - (weighted.mixed[V] - weighted.mixed[U] @ free.coupling) @ known
+        # Not symmetric: constants are estimated in the low band, stiffness is not.
+        gram = (normal[:, :-1] + normal[:, :-1].T) / 2 + np.diag(precision)
+        power = np.maximum(weighted.gram.diagonal(), np.finfo(float).tiny)
         size = np.sqrt(power + precision)
         eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
-        kept = eigenvalues > STILL
+        kept = eigenvalues > MIN_POWER
         root = vectors[:, kept] / size[:, None] / np.sqrt(eigenvalues[kept])
         self.constants, self.identifiable = root @ (root.T @ cross), bool(kept.all())
-        stronger = np.sqrt(sandwich.constants.diagonal() / power)
-        self.covariance = root @ root.T * np.outer(stronger, stronger)
+        # An approximate sandwich: noise has so many times the assumed strength for each constant.
+        louder = np.sqrt(noise_weighted.gram.diagonal() / power)
+        self.covariance = root @ root.T * np.outer(louder, louder)
         constants = np.repeat(self.constants[:, None], self.axis.times, axis=1)
         self.coefficients = np.vstack([free.values(self.constants, known), constants])
         self.coefficients[V] += known
         return free
 
     def _weigh(self) -> float:
-        """Set the weights from the residual, and return the mean variance of the noise.
+        """Weight the products by the residual, and return the mean variance of the noise.
 
-        ``weights`` are products G, which give the estimates, and products S, which give their
-        covariance, the sandwich G⁻¹ S G⁻¹. If the noise is whitened, both are the same. But
-        whitening amplifies misfit. If the residual's products with velocity show misfit, the
-        weights of G are almost those of white noise.
+        The first products G of ``weighted`` give the estimates. The second ones S give their
+        covariance, the sandwich G⁻¹ S G⁻¹. If the noise is whitened, both are the same. Where the
+        residual's products with velocity show misfit, which whitening would amplify, the weights of
+        G are almost those of white noise.
         """
         signals, times, columns = self.signals, self.axis.times, self.signals.columns
         residual = columns[-1] - np.einsum("krt,kt->rt", columns[:-1], self.coefficients)
@@ -206,25 +211,23 @@ class FreeEstimates:
             rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
             return whitening_filters(more, signals.independent, rate, periodic)
 
-        def weighted(filters: Array) -> Weighted:
+        def products(filters: Array) -> Products:
             # With a reflex, its differences of higher order model the decimated acceleration.
-            return Weighted.by(columns, filters, low_band=signals.reflex is None)
+            return Products.of(columns, filters, low_band=signals.reflex is None)
 
         filters = filters_with(WHITE_SHARE)
         self.whitens = excess_variance(signals, filters, residual) < MAX_EXCESS
         if self.whitens:
-            self.weights = (weighted(filters),) * 2
+            self.weighted = (products(filters),) * 2
         else:
             mild = filters_with(MISFIT_SHARE)
-            coloured = np.linalg.inv(filters).T @ (mild.T @ mild)
-            self.weights = weighted(mild), weighted(np.asarray(coloured, dtype=np.float64))
+            # With W the mild weights and N the noise's covariance, S = W N W = FᵀF.
+            of_noise = np.linalg.inv(filters).T @ (mild.T @ mild)
+            self.weighted = products(mild), products(np.asarray(of_noise, dtype=np.float64))
         return noise
 
     def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
-        """Return the free estimate of a signal's coefficient, with its error.
-
-        Its size is the mean weighted by the signal's power.
-        """
+        """Return the free estimate of a signal's coefficient, with its mean weighted by power."""
         size = abs(float(np.average(values, weights=self.products[:, signal, signal])))
         estimate = FreeEstimate(self.axis, values / size, size * inverse_root(error), size)
         return estimate if self.whitens else estimate.with_misfit()
@@ -232,7 +235,7 @@ class FreeEstimates:
 
 def floored(power: Array) -> Array:
     """Return the power (..., time), at least a small share of its mean over time."""
-    floor = STILL * power.mean(axis=-1, keepdims=True) + np.finfo(float).tiny
+    floor = MIN_POWER * power.mean(axis=-1, keepdims=True) + np.finfo(float).tiny
     return np.asarray(np.maximum(power, floor))
 
 
@@ -242,76 +245,79 @@ def inverse_root(matrix: Array) -> Array:
     return solve(Moments(matrix, none, 0.0, 0.0), none).inverse_factor
 
 
-class Weighted(NamedTuple):
-    r"""Sums over realizations of products of signals with a weight W (time, time) between them.
+class Products(NamedTuple):
+    r"""Products of signals with weights W (time, time) between times, summed over realizations.
 
-    ``squares`` (2, 2, time, time) are products of angle and velocity, such as
-    :math:`W \circ \sum_r \theta_r \dot\theta_r^T`. ``free`` (2, signal, time) are products at each
-    time of angle and velocity with every signal but the angle, such as :math:`\sum_r \theta_r \circ
-    W \ddot\theta_r`. In the low band, ``constants`` (constant, signal) are products with every
-    signal but the angle, ``low`` (2, constant, time) those with angle and velocity at each time.
+    A coefficient of angle or velocity that is free at each time has the products ``free_gram`` (2,
+    2, time, time) with itself and the other, such as :math:`W \circ \sum_r \theta_r
+    \dot\theta_r^T`, and ``free_cross`` (2, signal, time) with every signal but the angle, such as
+    :math:`\sum_r \theta_r \circ W \ddot\theta_r`. Constants have the products ``mixed`` (2,
+    constant, time) with these, and ``gram`` (constant, signal), both in the low band if wanted.
     """
 
-    squares: Array
-    free: Array
-    constants: Array
-    low: Array
+    free_gram: Array
+    free_cross: Array
+    gram: Array
+    mixed: Array
 
     @classmethod
-    def by(cls, columns: Array, filters: Array, low_band: bool) -> Self:
-        """Return the products whose weights are those of filters (time, time), squared."""
-        both, whole = columns[: V + 1], filters.T @ filters
-        weighted = columns[V:] @ whole
+    def of(cls, columns: Array, filters: Array, low_band: bool) -> Self:
+        """Return the products with the weights W = FᵀF of filters F (time, time)."""
+        both, weights = columns[: V + 1], filters.T @ filters
+        weighted = columns[V:] @ weights
         slow = weighted[:-1]
         if low_band:
             low = convolve1d(filters, LOW_BAND, mode="constant")
             slow = columns[V:-1] @ (low.T @ low)
-        squares = both.swapaxes(1, 2)[:, None] @ both * whole
-        for own in (squares[U, U], squares[V, V]):
+        free_gram = both.swapaxes(1, 2)[:, None] @ both * weights
+        for own in (free_gram[U, U], free_gram[V, V]):
             np.fill_diagonal(own, floored(np.diag(own)))
-        free, at_times = (np.einsum("frt,irt->fit", both, each) for each in (weighted, slow))
-        return cls(squares, free, np.tensordot(slow, columns[V:], ((1, 2), (1, 2))), at_times)
+        free_cross, mixed = (np.einsum("frt,irt->fit", both, each) for each in (weighted, slow))
+        return cls(free_gram, free_cross, np.tensordot(slow, columns[V:], ((1, 2), (1, 2))), mixed)
 
 
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``solved`` (time, signal) holds, for each signal but the angle, the coefficient that explains
-    it; the torque is the last signal. ``moved`` (time, time) maps the other free coefficient to the
-    amount by which it lowers this one. ``covariance`` (time, time) is due to noise.
+    ``explaining`` (time, signal) holds, for each signal but the angle, the coefficient that
+    explains it. The coefficient is that of the torque, the last signal, less those of the other
+    regressors times their constants, and less ``coupling`` (time, time) @ the other free
+    coefficient. ``covariance`` (time, time) is due to noise.
     """
 
-    solved: Array
-    moved: Array
+    explaining: Array
+    coupling: Array
     covariance: Array
 
     @classmethod
-    def of(cls, signal: int, weighted: Weighted, sandwich: Weighted) -> Self:
+    def of(cls, signal: int, weighted: Products, noise_weighted: Products) -> Self:
         """Return the coefficient of a signal, U or V.
 
-        ``sandwich`` are products with the covariance of the noise.
+        ``noise_weighted`` are products with the covariance of the noise.
         """
-        root = inverse_root(weighted.squares[signal, signal])
+        root = inverse_root(weighted.free_gram[signal, signal])
         inverse = covariance = root.T @ root
-        if sandwich is not weighted:
-            covariance = inverse @ sandwich.squares[signal, signal] @ inverse
-        moved = inverse @ weighted.squares[signal, 1 - signal]
-        return cls(inverse @ weighted.free[signal].T, moved, covariance)
+        if noise_weighted is not weighted:
+            covariance = inverse @ noise_weighted.free_gram[signal, signal] @ inverse
+        coupling = inverse @ weighted.free_gram[signal, 1 - signal]
+        return cls(inverse @ weighted.free_cross[signal].T, coupling, covariance)
 
     def values(self, constants: Array, other: Array) -> Array:
         """Return the coefficient beside the last constants and the other free one (time,)."""
-        solved = self.solved[:, -1 - len(constants) :]
-        return np.asarray(solved @ np.append(-constants, 1.0) - self.moved @ other)
+        explaining = self.explaining[:, -1 - len(constants) :]
+        return np.asarray(explaining @ np.append(-constants, 1.0) - self.coupling @ other)
 
     def error(self, constants: Array, other: Array, inertia: Array) -> Array:
         """Return the covariance (time, time) of the values.
 
-        ``constants`` is the covariance of the constants, ``other`` (time, time) that of the other
-        free coefficient, and ``inertia`` (time, time) that of misfit of the inertia.
+        ``constants`` is the covariance of the last constants, ``other`` (time, time) that of the
+        other free coefficient, and ``inertia`` (time, time) that of misfit of the inertia.
         """
-        solved, of_inertia = self.solved[:, -1 - len(constants) : -1], self.solved[:, A - V]
-        error = self.covariance + solved @ constants @ solved.T + self.moved @ other @ self.moved.T
-        return np.asarray(error + inertia * np.outer(of_inertia, of_inertia))
+        by_constants = self.explaining[:, -1 - len(constants) : -1]
+        by_inertia = self.explaining[:, A - V]
+        error = self.covariance + by_constants @ constants @ by_constants.T
+        error += self.coupling @ other @ self.coupling.T
+        return error + inertia * np.outer(by_inertia, by_inertia)
 
 
 def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
@@ -327,28 +333,30 @@ def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
 def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
     """Return the variances (2,) over time of viscosity and inertia that noise does not explain.
 
-    They measure misfit that all realizations share: a response not of second order. At each time
-    the residual of the ``coefficients`` (regressor, time) is regressed on velocity and
-    acceleration. The regression coefficients vary more than by chance where there is misfit.
+    All realizations share this misfit: a response not of second order. At each time the residual of
+    the ``coefficients`` (regressor, time) is regressed on velocity and acceleration. Where there is
+    misfit, the regression coefficients vary more than by chance.
     """
     mixed, powers = products[:, V:, U], floored(np.einsum("tii->it", products))
+    # Products of what is left of signals after a regression on the angle
     beside = products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / powers[U, :, None, None]
+    # Weights of signals in the residual, and the residual's products with signals
     weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T[:, :, None]
-    residual = beside @ weights
+    cross = beside @ weights
     # Where both signals are collinear, their coefficients are uncertain, and count little.
     ridge = np.eye(2) * COLLINEAR * powers[V : A + 1].T[:, :, None]
     inverse = np.linalg.inv(beside[:, :2, :2] + ridge)
-    change = inverse @ residual[:, :2]
-    left = np.sum(weights * residual, axis=1) - np.sum(change * residual[:, :2], axis=1)
+    change = inverse @ cross[:, :2]
+    unexplained = np.sum(weights * cross, axis=1) - np.sum(change * cross[:, :2], axis=1)
     change, variance = change[..., 0], np.einsum("tii->ti", inverse)
-    by_chance = variance * np.maximum(left, 0.0) / max(independent - 5, 1)
+    by_chance = variance * np.maximum(unexplained, 0.0) / max(independent - 5, 1)
     return np.maximum(np.average(change**2 - by_chance, axis=0, weights=1 / variance), 0.0)
 
 
 def pooling_reach(independent: int, rate: float) -> int:
     """Return the samples to either side over which the strength of the noise is pooled.
 
-    With few realizations, the strength at a single time is uncertain.
+    The fewer the realizations, the more samples.
     """
     return round(max(MISFIT_TIME, POOLED_TIME / (independent - 1)) * rate)
 

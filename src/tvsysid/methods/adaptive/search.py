@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Iterator, Sequence
 from heapq import nlargest
 from operator import attrgetter
@@ -13,32 +12,31 @@ import numpy as np
 from scipy.special import softmax
 
 from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, column_evidence
+from tvsysid.methods.adaptive.prior import USUAL_SWITCH_SIZE
 from tvsysid.numerics import Array
 
 MAX_POSITIONS = 400  # of one more switch that are tried
+MAX_GAIN = 50.0  # largest gain in score that is expected of one more switch
+EXTRA_GAIN = 12.0  # by which a second switch may gain more than the first, which counts as much
+MAX_SWITCHES = 20  # of a set that the search extends by one
 MAX_JOINT_POSITIONS = 200  # of several switches that are tried together
-FIRST_SIZE = 0.2  # standard deviation of the first switch, in mean sizes
-MAX_GAIN = 50.0  # largest gain in log evidence that is expected of one more switch
-MAX_SWITCHES = 20  # from which the search adds none
-SLACK = 5.0  # loss of log evidence against the best set up to which a set is returned
-MAX_JOINT, MAX_REFINED = 6, 3  # switches of a joint update, and sets of these that are refined
-REACH = 12.0  # gain in log evidence beyond the first one that is expected of a second switch
-MAX_SETS = 8  # number of sets that the search returns
-SEARCHED, PLACED = 1 / 8, 1 / 16  # samples between positions, in the search and after it
-SEARCH_REACH, REFINE_REACH = 1.5, 6.0  # samples to either side in which a switch may move
+MAX_JOINT, MAX_REFINED = 6, 3  # switches that are, and sets of these that are refined
+MAX_SETS, MAX_SET_LOSS = 8, 5.0  # sets that are returned, and their loss of score against the best
+SEARCH_SPACING, SPACING = 1 / 8, 1 / 16  # samples between positions, in the search and after it
+SEARCH_REACH, REACH = 1.5, 6.0  # samples to either side by which a switch may move
+MAX_SWEEPS = 4  # in which each switch is moved once
 NEARBY_SAMPLES = 3.0  # samples within which one of two switches may represent both
-SWEEPS = 4  # of all switches, each placed beside the others, at most
 BY_SCORE = attrgetter("score")
 
 
 class CurveModel(NamedTuple):
     """Explanation of a free estimate: a smooth part, and switches at ``positions``.
 
-    ``score`` is the log evidence with the switches at exactly these positions. ``places`` holds the
-    possible positions of each switch and their probabilities, once they are refined.
-    ``log_volume`` is the log of the ratio of the evidence, integrated over all these positions in
-    samples, to that at the best ones. ``evidence`` is the integrated log evidence, priors included,
-    for the size prior with the index ``size_prior``.
+    ``score`` is that of :class:`SmoothFit`, with switches at exactly these positions and their best
+    size prior. If the positions are refined, ``places`` holds for each switch its possible
+    positions and their probabilities. ``log_volume`` is the log of the ratio of the evidence,
+    integrated over these positions in samples, to that at the best ones. ``evidence`` is the
+    integrated log evidence, priors included, for the size prior with the index ``size_prior``.
     """
 
     smooth: SmoothFit
@@ -66,17 +64,16 @@ class CurveModel(NamedTuple):
         """Return the score with switches at other positions."""
         return float(self.smooth.scores_of(self.smooth.steps(positions)).max())
 
-    def refined(self, spacing: float = PLACED, reach: float = REFINE_REACH) -> CurveModel:
+    def refined(self, spacing: float = SPACING, reach: float = REACH) -> CurveModel:
         """Move switches to their most probable positions, each beside the others, in turn.
 
         Positions that are tried have a ``spacing`` and a distance of up to ``reach`` samples.
         """
-        smooth, count = self.smooth, len(self.positions)
-        own, places = smooth.steps(self.positions), deque[tuple[Array, Array]](maxlen=count)
+        smooth, own = self.smooth, self.smooth.steps(self.positions)
         size_prior = int(smooth.scores_of(own).argmax())
-        for _ in range(SWEEPS if count > 1 else 1):
-            before = own.positions
-            for position in before:  # the first switch is moved, and becomes the last
+        for _ in range(MAX_SWEEPS if len(self.positions) > 1 else 1):
+            before, places = own.positions, list[tuple[Array, Array]]()
+            for position in before:  # which is now the first switch, and is then the last
                 others = own.take(slice(1, None))
                 window = smooth.beside(smooth.estimate.window(round(position), spacing, reach))
                 scores = smooth.scores_with(others, window)[size_prior]
@@ -86,12 +83,13 @@ class CurveModel(NamedTuple):
             if np.array_equal(own.positions, before):
                 break
         order = np.argsort(own.positions)
-        # The sum of all weights is that of the best position over its probability.
+        # A probability is evidence over the sum of evidence. So 1 / probability is the sum relative
+        # to the best, and each term of the sum stands for one spacing.
         volumes = [spacing / probabilities.max() for _, probabilities in places]
         return self._replace(
             positions=own.positions[order],
             score=float(smooth.scores_of(own).max()),
-            places=[places[place] for place in order],
+            places=[places[index] for index in order],
             log_volume=sum(map(math.log, volumes)),
         )
 
@@ -102,28 +100,32 @@ class CurveModel(NamedTuple):
         """
         own = self.positions
         is_close = np.abs(self.smooth.estimate.axis.offset(own[:, None], own)) < NEARBY_SAMPLES
-        rests = [np.delete(own, place) for place in np.flatnonzero(is_close.sum(axis=0) > 1)]
-        if not rests:
+        doubles = np.flatnonzero(is_close.sum(axis=0) > 1)
+        if not len(doubles):
             return self
+        rests = [np.delete(own, index) for index in doubles]
         tried = self._replace(positions=max(rests, key=self.score_at)).refined()
         return tried.without_doubles() if tried.total > self.total else self
 
 
 class Grid:
-    """Steps at all positions that are tried."""
+    """Steps at all positions at which the search tries one more switch.
+
+    ``window`` is the spacing and reach within which the search moves a switch.
+    """
 
     def __init__(self, estimate: FreeEstimate) -> None:
         times = estimate.axis.times
         spacing = max(0.5, times / MAX_POSITIONS)
         first = 0 if estimate.axis.periodic else 1  # a step before the first sample is none
         self.steps = estimate.steps(np.arange(first, int(times / spacing), dtype=float) * spacing)
-        self.window = SEARCHED, SEARCH_REACH * max(1.0, spacing)
+        self.window = SEARCH_SPACING, SEARCH_REACH * max(1.0, spacing)
 
 
 def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
-    """Return the better of no switch and the best single one beside a smooth part."""
+    """Return a smooth part with the best single switch, or with none where that is better."""
     steps = smooth.beside(grid.steps)
-    evidence = column_evidence(steps.power, steps.cross, FIRST_SIZE**2)
+    evidence = column_evidence(steps.power, steps.cross, USUAL_SWITCH_SIZE**2)
     score = smooth.score + evidence.max() - math.log(smooth.estimate.axis.times)
     if score <= smooth.score:
         return CurveModel(smooth, np.zeros(0), smooth.score)
@@ -131,11 +133,10 @@ def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
 
 
 def best_step(model: CurveModel, grid: Grid) -> CurveModel:
-    """Return the best model with one more switch, or with another one in place of one."""
-    smooth, count = model.smooth, len(model.positions)
+    """Return the best model with one more switch, or with one switch at another position."""
+    smooth, every = model.smooth, np.arange(len(model.positions))
     own, steps, options = smooth.steps(model.positions), smooth.beside(grid.steps), []
-    rests = [np.delete(np.arange(count), place) for place in range(count)]
-    for kept in [*rests, np.arange(count)]:
+    for kept in [*(np.delete(every, index) for index in every), every]:
         rest = own.take(kept)
         scores = smooth.scores_with(rest, steps).max(axis=0)
         best = int(np.argmax(scores))
@@ -144,11 +145,11 @@ def best_step(model: CurveModel, grid: Grid) -> CurveModel:
 
 
 def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
-    """Yield the best set of each number of switches, as if the noise were white.
+    """Yield the positions of the best one, two and more switches between constant levels.
 
-    Dynamic programming finds the levels between them (Bellman 1961). It finds several switches
-    together, each of which alone has little evidence, so that steps of one switch would miss them.
-    On a periodic axis, the cycle is cut at the ``first`` position, with or without a switch there.
+    Dynamic programming finds them as if the noise were white (Bellman 1961). It finds several
+    switches together, each of which alone has little evidence, so that steps of one switch would
+    miss them. A periodic axis is cut at the ``first`` position, with or without a switch there.
     """
     times, periodic = estimate.axis.times, estimate.axis.periodic
     cut = round(first[0]) if periodic and len(first) else 0
@@ -156,40 +157,45 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     edges = np.append(np.arange(0, times, -(-times // MAX_JOINT_POSITIONS)), times)
     sums = np.cumsum(np.roll([precision, precision * estimate.values], -cut, axis=1), axis=1)
     sums = np.pad(sums, ((0, 0), (1, 0)))[:, edges]
-    power, cross = sums[:, :, None] - sums[:, None]  # from an edge before to an edge
+    power, cross = sums[:, :, None] - sums[:, None]  # of a level, shape (its end, its start)
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.divide(cross**2, power, out=np.full(power.shape, -np.inf), where=before)
-    best, paths = gains[:, 0], [list[float]()] * len(edges)
+    best, paths = gains[:, 0], [list[float]()] * len(edges)  # up to each edge
     for count in range(1, MAX_JOINT + 1):
         paths = [[*paths[last], edges[last]] for last in (best + gains).argmax(axis=1)]
         best = (best + gains).max(axis=1)
-        for path in [paths[-1], [*paths[-1], 0.0]][: 1 + (periodic and count < MAX_JOINT)]:
-            yield np.sort(np.add(path, cut) % times)
+        yield np.sort(np.add(paths[-1], cut) % times)
+        if periodic and count < MAX_JOINT:
+            yield np.sort(np.add([*paths[-1], 0.0], cut) % times)  # with a switch at the cut
 
 
-def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel]:
+def search_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel]:
     """Return sets of switches near the best score, and the empty one, which is last.
 
-    The search begins with the ``first`` model of each smooth part. Each step extends the model with
-    the best score. A smooth part is skipped if its first set of switches is one at
-    which the search of another smooth part has ended.
+    The search begins with the ``first`` model of each smooth part. Each step adds to the model with
+    the best score, or moves, one switch. Beside its smooth part the search ends where that does not
+    raise the score, or where one more switch, if it gained as much as the last, would not give the
+    best score of all.
     """
     found, still_open, ended = list(first), list(first), set[bytes]()
-    # The search begins only where a gain as large, and REACH more, would make it the best.
-    gains = {each.smooth: max(each.score - each.smooth.score, REACH) + REACH for each in first}
+    gains = dict[SmoothFit, float]()  # of the last step beside a smooth part
     while still_open:
         still_open.sort(key=BY_SCORE)
-        before, best = still_open.pop(), max(map(BY_SCORE, found))
-        positions, possible = before.positions, before.score + min(gains[before.smooth], MAX_GAIN)
-        is_new = before.places or positions.tobytes() not in ended
-        if is_new and possible > best and len(positions) < MAX_SWITCHES:
-            after = best_step(before, grid)
+        model, best = still_open.pop(), max(map(BY_SCORE, found))
+        smooth, switches = model.smooth, model.positions.tobytes()
+        if smooth not in gains:
+            if switches in ended:  # the search beside another smooth part has ended here
+                continue
+            gains[smooth] = max(model.score - smooth.score, EXTRA_GAIN) + EXTRA_GAIN
+        possible = model.score + min(gains[smooth], MAX_GAIN)
+        if possible > best and len(model.positions) < MAX_SWITCHES:
+            after = best_step(model, grid)
             found.append(after)
-            if after.score > before.score:
-                gains[after.smooth] = after.score - before.score
+            if after.score > model.score:
+                gains[smooth] = after.score - model.score
                 still_open.append(after)
             else:
-                ended.add(positions.tobytes())
+                ended.add(switches)
     empty = CurveModel(first[0].smooth, np.zeros(0))
     joint = [
         empty._replace(positions=positions, score=empty.score_at(positions))
@@ -198,5 +204,5 @@ def propose_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel
     found += [each.refined(*grid.window) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
     best_of = {each.positions.tobytes(): each for each in sorted(found, key=BY_SCORE)}
     best = max(map(BY_SCORE, found))
-    sets = [each for at, each in best_of.items() if at and each.score > best - SLACK]
+    sets = [each for at, each in best_of.items() if at and each.score > best - MAX_SET_LOSS]
     return [*nlargest(MAX_SETS, sets, key=BY_SCORE), empty]

@@ -201,7 +201,7 @@ def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-u
         for check in diagnosis.checks:
             if check.state == "uncertain":
                 uncertain[check.name] += 1
-            if check.judged:
+            if check.state != "not judged":
                 values[check.name].append(
                     abs(check.value) if check.name in TWO_SIDED else check.value
                 )

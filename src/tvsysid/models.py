@@ -23,7 +23,7 @@ from tvsysid.arrays import read_only, to_array
 from tvsysid.dataset_layout import UNITS, Labelled, to_dataset
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.numerics.bands import critical_value, mean_known, mean_of, simultaneous_value
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array, Ensemble, check_ensemble
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -329,9 +329,7 @@ class Model:
         A single pathway has the name ``"intrinsic"``. The torque is in N·m, of shape
         (realization, time), without context. It is NaN where it is unknown.
         """
-        if not isinstance(ensemble, Ensemble):
-            got = f"got {type(ensemble).__name__}; cut a Recording with tvsysid.preprocess.segment"
-            raise InputError(f"predict: expected an Ensemble, {got}")
+        check_ensemble("predict", ensemble)
         same_rate = abs(ensemble.sampling_rate / self.sampling_rate - 1) <= 1e-9
         if ensemble.samples != len(self.time) or not same_rate:
             raise InputError(

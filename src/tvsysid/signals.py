@@ -359,3 +359,12 @@ class Ensemble(Signals):
             raise InputError(f"select: these realizations do not exist: {error}") from error
         fields = self.mapped(lambda values: values[index])
         return attrs.evolve(self, **fields, onsets=self.onsets[index], trials=self.trials[index])
+
+
+def check_ensemble(owner: str, ensemble: object) -> None:
+    """Raise InputError if the argument of a function ``owner`` is no ensemble."""
+    if not isinstance(ensemble, Ensemble):
+        raise InputError(
+            f"{owner}: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
+            "tvsysid.preprocess.segment"
+        )

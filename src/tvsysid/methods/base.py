@@ -17,7 +17,7 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import changes
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Ensemble, check_ensemble
 from tvsysid.validators import one_of, with_settings
 
 if TYPE_CHECKING:
@@ -222,13 +222,9 @@ def centered_channels(methods: Iterable[Method]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(item.name for item in every if item.kind != "scheduling"))
 
 
-def _check_ensemble(method: Method, verb: str, ensemble: object) -> None:
+def _check_ensemble(method: Method, verb: str, ensemble: Ensemble) -> None:
     """Raise if the object is not an ensemble, its signals are 0, or the method skips it."""
-    if not isinstance(ensemble, Ensemble):
-        raise InputError(
-            f"{verb}: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording with "
-            "tvsysid.preprocess.segment"
-        )
+    check_ensemble(verb, ensemble)
     for name in ("angle", "torque"):
         values = np.abs(ensemble.signal(name))
         if values[:, ensemble.core].max() <= ROUNDING * values.max():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.numerics import Array
 
@@ -13,10 +14,14 @@ TAPS = 31
 SHARP = 20
 
 
-def decimation_weights(factor: float, taps: int = TAPS) -> Array:
-    """Hamming-window low-pass with -6 dB at the new Nyquist frequency, shape (taps,)."""
-    weights = np.sinc((np.arange(taps) - taps // 2) / factor) * np.hamming(taps)
-    return np.asarray(weights / weights.sum())
+def decimation_weights(factor: float, taps: int = TAPS, later: ArrayLike = 0.0) -> Array:
+    """Hamming-window low-pass with -6 dB at the new Nyquist frequency, shape (..., taps).
+
+    It gives the value a fraction of a sample ``later`` (...,).
+    """
+    lags = np.arange(taps) - taps // 2 - np.asarray(later)[..., None]
+    weights = np.sinc(lags / factor) * (0.54 + 0.46 * np.cos(2 * np.pi / (taps - 1) * lags))
+    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
 
 
 def windows_about(x: Array, taps: int = TAPS) -> Array:
@@ -39,3 +44,13 @@ def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
         return x
     windows = windows_about(x, taps)[..., ::factor, :]
     return np.asarray(np.einsum("...t,t", windows, decimation_weights(factor, taps)))
+
+
+def resampled(x: Array, places: NDArray[np.floating], step: float) -> Array:
+    """Values of x (realization, time) at ``places``, low-passed as with a factor of ``step``.
+
+    The places (new time,) are positions in samples, and may lie between samples.
+    """
+    nearest = np.round(places).astype(np.int64)
+    weights = decimation_weights(step, later=places - nearest)
+    return np.asarray(np.einsum("rtk,tk->rt", windows_about(x)[:, nearest], weights))

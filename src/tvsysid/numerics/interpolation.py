@@ -20,3 +20,9 @@ def between(values: Array, later: float) -> Array:
     lags = np.arange(-SINC, SINC + 1)
     taps = np.sinc(lags - later) * np.kaiser(2 * SINC + 1, 5.0)
     return np.asarray(correlate1d(values, taps / taps.sum(), axis=-1, mode="nearest"))
+
+
+def advanced(values: Array, samples: float) -> Array:
+    """Return values so many samples later, shape (..., time). The last one is repeated."""
+    whole, last = round(samples), values.shape[-1] - 1
+    return between(values, samples - whole)[..., np.clip(np.arange(last + 1) + whole, 0, last)]

@@ -12,8 +12,7 @@ import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.numerics.decimation import SHARP, TAPS, keep_every
-from tvsysid.numerics.interpolation import SINC
-from tvsysid.numerics.interpolation import between as between_samples
+from tvsysid.numerics.interpolation import SINC, advanced
 from tvsysid.signals import Array, Ensemble, Recording
 from tvsysid.validators import between, finite, not_negative, positive
 
@@ -176,12 +175,12 @@ def align_channels(recording: Recording, delay: float) -> Recording:
     """
     finite.check("align_channels", "delay", delay)
     samples = float(delay * recording.sampling_rate)
-    whole, lost = round(samples), math.ceil(abs(samples) - 1e-9)
+    lost = math.ceil(abs(samples) - 1e-9)
     head, tail = (lost, 0) if samples < 0 else (0, lost)
 
     def shift(torque: Array) -> Array:
         padded = np.pad(torque, SINC, "reflect", reflect_type="odd")
-        return np.roll(between_samples(padded, samples - whole)[SINC:-SINC], -whole)
+        return advanced(padded, samples)[SINC:-SINC]
 
     torque = np.concatenate([shift(recording.torque[trial]) for trial in recording.trials])
     return map_trials(

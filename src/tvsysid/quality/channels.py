@@ -121,7 +121,7 @@ def sampling_rate(data: FittedEnsemble) -> Measured:
     """
     _impedance(data)
     values, errors = data.fit.smooth_impedance
-    stiffness, _, inertia = map(float, values)
+    stiffness, _, inertia = values
     if (np.abs(values) < SIGNIFICANT_ERRORS * errors)[[0, 2]].any() or stiffness * inertia < 0:
         raise NotApplicable("stiffness and inertia are not determined well enough")
     frequency, inertia = math.sqrt(stiffness / inertia) / (2 * math.pi), abs(inertia)

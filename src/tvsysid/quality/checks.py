@@ -125,29 +125,21 @@ class Finding:
         return FAULTS[self.name]
 
     @property
-    def judged(self) -> bool:
-        """Whether the data allow the check."""
-        return not math.isnan(self.value)
-
-    @property
-    def beyond(self) -> bool:
-        """Whether the value is on the wrong side of its limit, significant or not."""
-        return self.fault.beyond(self.value)
-
-    @property
-    def found(self) -> bool:
-        """Whether the value is beyond its limit and significant."""
-        return self.beyond and self.significant
-
-    @property
     def state(self) -> str:
         """Return ``"found"``, ``"in order"``, ``"uncertain"`` or ``"not judged"``.
 
         A value beyond the limit that is not significant is uncertain.
         """
-        if self.beyond:
-            return "found" if self.significant else "uncertain"
-        return "in order" if self.judged else "not judged"
+        if math.isnan(self.value):
+            return "not judged"
+        if not self.fault.beyond(self.value):
+            return "in order"
+        return "found" if self.significant else "uncertain"
+
+    @property
+    def found(self) -> bool:
+        """Whether the value is beyond its limit and significant."""
+        return self.state == "found"
 
     @property
     def strength(self) -> str:
@@ -158,11 +150,11 @@ class Finding:
         >>> Finding("drift", 24.3, "").strength
         '24.3 %, at most 10 is in order'
         """
-        if not self.judged:
+        if self.state == "not judged":
             return "–"
-        fault, size, value = self.fault, abs(self.value), f"{self.value:.3g}"
+        fault, value = self.fault, f"{self.value:.3g}"
         unit = fault.unit.removesuffix("s") if value == "1" else fault.unit
-        if fault.wrong == "below" or size < fault.lowest:
+        if fault.wrong == "below" or abs(self.value) < fault.lowest:
             allowed = f"at least {fault.lowest or fault.limit:g}"
         else:
             allowed = f"at most {'±' if self.value < 0 else ''}{fault.limit:g}"

@@ -98,10 +98,10 @@ def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
     """
     residual, speed = data.fit.white_residual, np.abs(np.gradient(data.angle, axis=1))
     causes = np.stack([data.unpredicted(each) for each in (data.angle, speed - speed.mean(axis=0))])
-    last = residual.shape[1]
-    reach = min(round(MAX_LAG_S * data.rate), last // 3)
-    lags, used = np.arange(-reach, reach + 1), causes[..., reach : last - reach]
-    products = np.einsum("crt,lrt->cl", used, lagged(residual, -lags, reach, last - reach))
-    scale = np.sqrt(np.mean(causes**2, axis=(1, 2)) * np.mean(residual**2)) * used[0].size
-    correlation = products / np.maximum(scale, TINY)[:, None]
-    return lags / data.rate, correlation, 1.96 / math.sqrt(used[0].size)
+    reach = min(round(MAX_LAG_S * data.rate), residual.shape[1] // 3)
+    lags, used = np.arange(-reach, reach + 1), causes[..., reach:-reach]
+    moved = lagged(residual, -lags, reach, residual.shape[1] - reach)
+    products = np.einsum("crt,lrt->lc", used, moved) / used[0].size
+    scale = np.sqrt(np.mean(causes**2, axis=(1, 2)) * np.mean(residual**2))
+    correlation = products / np.maximum(scale, TINY)
+    return lags / data.rate, correlation.T, 1.96 / math.sqrt(used[0].size)

@@ -7,14 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.numerics.interpolation import SINC, between
+from tvsysid.numerics.interpolation import SINC, advanced, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fit import (
     MIN_EXPLAINED,
     NO_RESPONSE,
     FittedEnsemble,
     SecondOrderFit,
-    later,
     low_passed,
 )
 from tvsysid.quality.statistics import is_significant
@@ -66,13 +65,15 @@ def delay(data: FittedEnsemble) -> Measured:
                 "noise in the angle (coarse steps, spikes), or a torque smoothed alone, looks like "
                 "a delay"
             )
-        loop = data.advance(samples).finding("feedback")
-        if value < -FAULTS["delay"].limit and loop.value > MIN_LOOP_SHARE:
+        is_early = value < -FAULTS["delay"].limit
+        if is_early and data.advance(samples).finding("feedback").value > MIN_LOOP_SHARE:
             raise NotApplicable("torque noise moves the angle, which looks like an early torque")
+    removed = 1000 * data.ensemble.delay_removed
+    corrected = f", after a correction by {removed:.3g} ms" if removed else ""
     what = (
-        f"the torque is {abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}; "
-        f"that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and viscosity {old[1]:.3g} "
-        f"instead of {new[1]:.3g} N·m·s/rad"
+        f"the torque is {abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}"
+        f"{corrected}; that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and "
+        f"viscosity {old[1]:.3g} instead of {new[1]:.3g} N·m·s/rad"
     )
     return Measured(value, what, significant)
 
@@ -99,7 +100,7 @@ def _remaining_delay(fit: SecondOrderFit) -> NDArray[np.float64]:
 
 def _shifted(data: FittedEnsemble, samples: float) -> SecondOrderFit:
     """Return the fit to the torque so many samples later."""
-    torque = later(data.torque, samples)[:, data.region]
+    torque = advanced(data.torque, samples)[:, data.region]
     return SecondOrderFit(data.fit.motion, torque)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING
 
 import attrs
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 OF_MORE_DATA = ("loop-bias", "gaps", "mains")
 # Checks of the ensemble as given. The others run after drifting offsets and delay are removed.
 AS_GIVEN = ("same-channel", "mean-torque", "mean-angle", "angle-offset", "torque-offset")
-# Checks that do not assume that the torque responds to the angle.
-OF_ANY_SIGNAL = ("few-realizations", "repeated-realizations", "same-channel")
 # Checks that assume the same movement in all realizations.
 OF_REPETITION = (
     "drift",
@@ -77,20 +75,19 @@ class Diagnosis:
         """Return a row for each check: name, state, value, limit, what, effect, remedy."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        rows = (
-            attrs.asdict(each) | {"state": each.state, "found": each.found} | each.fault._asdict()
+        return pd.DataFrame(
+            attrs.asdict(each) | {"state": each.state} | each.fault._asdict()
             for each in self.checks
         )
-        return pd.DataFrame(rows).drop(columns="title")
 
     @property
     def verdict(self) -> str:
         """Return the result in words, with the number of checks that apply to these data."""
-        judged = f"{sum(check.judged for check in self.checks)} of {len(FAULTS)} checks"
-        count = len(self.findings)
-        uncertain = sum(check.state == "uncertain" for check in self.checks)
-        found = "no fault" if not count else "1 fault" if count == 1 else f"{count} faults"
-        return f"{found} found in {judged}{f', {uncertain} uncertain' if uncertain else ''}"
+        states = Counter(check.state for check in self.checks)
+        judged = len(self.checks) - states["not judged"]
+        found = f"{states['found'] or 'no'} fault{'s' * (states['found'] > 1)}"
+        uncertain = f", {states['uncertain']} uncertain" if states["uncertain"] else ""
+        return f"{found} found in {judged} of {len(FAULTS)} checks{uncertain}"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -176,18 +173,18 @@ def diagnose(
     given = FittedEnsemble.of(ensemble)
     steady = realizations.without_drifting_offsets(given)
     delay = steady.finding("delay")
-    data = steady.advance(delay.value * steady.rate / 1000 if delay.significant else 0.0)
+    data = steady.advance(delay.value * steady.rate / 1000) if delay.significant else steady
     subjects = dict.fromkeys(AS_GIVEN, given) | {"delay": steady}
     found = {
         name: subjects.get(name, data).finding(name) for name in FAULTS if name not in OF_MORE_DATA
     }
     if reference is not None:
-        found["loop-bias"] = data.finding("loop-bias", reference)
+        found["loop-bias"] = judge("loop-bias", data, reference)
     if recording is not None:
         found |= diagnose_recording(recording)
     reasons = {} if repeats else dict.fromkeys(OF_REPETITION, "the movement is not repeated")
     if found["same-channel"].found:
-        others = found.keys() - OF_ANY_SIGNAL
+        others = found.keys() - {"same-channel"}
         reasons |= dict.fromkeys(others, "angle and torque are one signal")
     found |= {name: Finding(name, math.nan, reason, False) for name, reason in reasons.items()}
     description = (
@@ -222,12 +219,12 @@ def diagnose_recording(recording: Recording) -> dict[str, Finding]:
 def _measures(data: FittedEnsemble) -> dict[str, tuple[float, str]]:
     """Return values that describe an ensemble, with their units."""
     (stiffness, viscosity, inertia), _ = data.fit.mean_impedance
-    angle, explained = data.core("angle"), min(max(data.fit.explained, 1e-9), 1 - 1e-9)
+    angle, explained = data.core("angle"), np.clip(data.fit.explained, 1e-9, 1 - 1e-9)
     power = np.cumsum(np.mean(np.abs(np.fft.rfft(angle, axis=1)[:, 1:]) ** 2, axis=0))
     within = 1 + np.searchsorted(power, BANDWIDTH_POWER * power[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         natural = np.sqrt(stiffness / inertia) / (2 * math.pi)
-    measures = {
+    return {
         "mean stiffness": (stiffness, "N·m/rad"),
         "mean viscosity": (viscosity, "N·m·s/rad"),
         "inertia": (inertia, "kg·m²"),
@@ -237,4 +234,3 @@ def _measures(data: FittedEnsemble) -> dict[str, tuple[float, str]]:
         "explained torque": (100 * data.fit.explained, "%"),
         "signal-to-noise ratio": (10 * math.log10(explained / (1 - explained)), "dB"),
     }
-    return {name: (float(value), unit) for name, (value, unit) in measures.items()}

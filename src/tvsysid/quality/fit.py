@@ -13,18 +13,17 @@ from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
-from tvsysid.numerics.decimation import TAPS, windows_about
+from tvsysid.numerics.decimation import resampled
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.interpolation import between
+from tvsysid.numerics.interpolation import advanced
 from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.quality.checks import Finding, NotApplicable, judge
 from tvsysid.quality.statistics import TINY, filtered, over_usual, whitener
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array, Ensemble, check_ensemble
 
 MIN_BIN_SAMPLES, MIN_POOLED_SAMPLES = 5, 100  # the latter of all realizations together
 MIN_BINS = 10  # in a realization, if they are longer than the shortest
 NOISE_PAST = 10  # samples from which noise is predicted
-SIGNAL_PAST = HALF_WIDTH  # samples from which signals are predicted
 MIN_RATE_HZ = 100.0
 MIN_KNOWN_SAMPLES = 30  # of a realization, with known derivatives
 # Standard deviation in samples of a low-pass. Near half the sampling rate, noise in the angle, the
@@ -91,7 +90,7 @@ class SecondOrderFit:
     def explained(self) -> float:
         """Share of the torque's power that the fit explains, 0 for a torque of zero."""
         total = float(np.sum(self.torque**2))
-        return 1 - float(np.sum(self.residual**2)) / total if total > 0 else 0.0
+        return (total - float(np.sum(self.residual**2))) / max(total, TINY)
 
     @property
     def mean_impedance(self) -> tuple[Array, Array]:
@@ -165,11 +164,7 @@ class FittedEnsemble:
     @classmethod
     def of(cls, ensemble: Ensemble) -> FittedEnsemble:
         """Lower the ensemble's rate to some 100 Hz. Raise InputError if it cannot be fitted."""
-        if not isinstance(ensemble, Ensemble):
-            raise InputError(
-                f"diagnose: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording "
-                "with tvsysid.preprocess.segment"
-            )
+        check_ensemble("diagnose", ensemble)
         data = cls(ensemble, lowered(ensemble))
         known = data.region.stop - data.region.start
         if len(ensemble) < 2 or known < MIN_KNOWN_SAMPLES:
@@ -183,10 +178,10 @@ class FittedEnsemble:
     def __len__(self) -> int:
         return len(self.ensemble)
 
-    def finding(self, name: str, *further: object) -> Finding:
-        """Check for a fault, once. ``further`` are further arguments of the check."""
+    def finding(self, name: str) -> Finding:
+        """Check for a fault, once."""
         if name not in self._findings:
-            self._findings[name] = judge(name, self, *further)
+            self._findings[name] = judge(name, self)
         return self._findings[name]
 
     def require(self, realizations: int = MIN_TESTED_REALIZATIONS, response: bool = True) -> None:
@@ -242,10 +237,8 @@ class FittedEnsemble:
 
     def unpredicted(self, signal: Array) -> Array:
         """Return what its past does not predict of a signal, at the whitened samples."""
-        first, stop = self.region.start + NOISE_PAST, self.region.stop
-        return filtered(signal, whitener(signal, SIGNAL_PAST))[
-            :, first - SIGNAL_PAST : stop - SIGNAL_PAST
-        ]
+        first, stop = self.region.start - HALF_WIDTH, self.region.stop - HALF_WIDTH
+        return filtered(signal, whitener(signal, HALF_WIDTH))[:, first + NOISE_PAST : stop]
 
     @property
     def order(self) -> NDArray[np.int64]:
@@ -263,16 +256,7 @@ class FittedEnsemble:
 
     def advance(self, samples: float) -> FittedEnsemble:
         """Return the ensemble with its torque so many samples earlier."""
-        return self.changed(torque=later(self.ensemble.torque, samples)) if samples else self
-
-
-def later(values: Array, samples: float) -> Array:
-    """Return the values of a signal (realization, time) so many samples later.
-
-    The last one is repeated.
-    """
-    whole, last = round(samples), values.shape[1] - 1
-    return between(values, samples - whole)[:, np.clip(np.arange(last + 1) + whole, 0, last)]
+        return self.changed(torque=advanced(self.ensemble.torque, samples))
 
 
 def low_passed(signal: Array, deviation: float = LOW_PASS_SAMPLES) -> Array:
@@ -301,22 +285,19 @@ def lowered(ensemble: Ensemble) -> Ensemble:
     The signals pass the low-pass of :func:`tvsysid.preprocess.decimate`, a windowed sinc, which
     also interpolates where the new samples lie between the old ones.
     """
-    samples, context, rate = ensemble.samples, ensemble.context, ensemble.sampling_rate
-    count = max(math.ceil(samples * MIN_RATE_HZ / rate), MIN_KNOWN_SAMPLES + 2 * HALF_WIDTH)
+    samples, context = ensemble.samples, ensemble.context
+    wanted = math.ceil(samples * MIN_RATE_HZ / ensemble.sampling_rate)
+    count = max(wanted, MIN_KNOWN_SAMPLES + 2 * HALF_WIDTH)
     if count > samples // 2:
         return ensemble
     step, margin = samples / count, context * count // samples
     places = context + step * np.arange(-margin, count + margin)
-    nearest = np.round(places).astype(np.int64)
-    lags = np.arange(TAPS) - TAPS // 2 - (places - nearest)[:, None]
-    weights = np.sinc(lags / step) * (0.54 + 0.46 * np.cos(2 * np.pi / (TAPS - 1) * lags))
-    weights /= weights.sum(axis=1, keepdims=True)
-
-    def resampled(values: Array) -> Array:
-        return np.asarray(np.einsum("rtk,tk->rt", windows_about(values)[:, nearest], weights))
-
-    signals = attrs.evolve(ensemble, recorded_angle=None).mapped(resampled)
+    signals = attrs.evolve(ensemble, recorded_angle=None).mapped(
+        lambda values: resampled(values, places, step)
+    )
     if step.is_integer():
-        recorded = ensemble.angle_as_recorded[:, nearest[0] : nearest[-1] + int(step)]
+        recorded = ensemble.angle_as_recorded[:, int(places[0]) : int(places[-1] + step)]
         signals["recorded_angle"] = recorded.reshape(*signals["angle"].shape, -1)
-    return attrs.evolve(ensemble, **signals, context=margin, sampling_rate=rate / step)
+    return attrs.evolve(
+        ensemble, **signals, context=margin, sampling_rate=ensemble.sampling_rate / step
+    )

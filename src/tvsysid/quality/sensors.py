@@ -155,8 +155,11 @@ def gaps(recording: Recording) -> Measured:
     """Count the gaps in both signals of a recording."""
     found = find_gaps(recording)
     longest = max((gap.stop - gap.start for gap in found), default=0.0)
-    what = f"both signals stand still, or are interpolated, for up to {longest:.2g} s"
-    return Measured(len(found), f"{what}: {len(found)} times")
+    what = (
+        f"both signals stand still, or are interpolated, for up to {longest:.2g} s: {len(found)} "
+        "times"
+    )
+    return Measured(len(found), what)
 
 
 @check(

@@ -121,7 +121,7 @@ def _moved_angle(data: FittedEnsemble, reference: str) -> tuple[Array, float]:
     command = np.pad(data.signal(reference), ((0, 0), (late, early)))
     moved = predicted(command, data.angle, core, data.rate, groups)
     left = np.sum((data.angle - moved)[:, core] ** 2)
-    return moved, 1 - float(left / np.sum(data.angle[:, core] ** 2))
+    return moved, 1 - left / np.sum(data.angle[:, core] ** 2)
 
 
 def _require_leading(data: FittedEnsemble, channel: str) -> None:

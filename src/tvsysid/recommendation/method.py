@@ -18,7 +18,7 @@ from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis, diagnose, find_reference
 from tvsysid.quality.fit import lowered
-from tvsysid.signals import Ensemble
+from tvsysid.signals import Ensemble, check_ensemble
 
 BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # whose noise is compared
 SLOW_NOISE_DB, STRONG_NOISE_DB = 10.0, 3.0  # power ratio; signal-to-noise ratio
@@ -243,10 +243,7 @@ def recommend(
     >>> found.method
     AdaptiveRegression(emg=None)
     """
-    if not isinstance(ensemble, Ensemble):
-        raise InputError(
-            f"recommend: expected an Ensemble, got {type(ensemble).__name__}; cut a Recording first"
-        )
+    check_ensemble("recommend", ensemble)
     for name in filter(None, (reference, scheduling)):
         ensemble.signal(name)  # raises if there is no such channel
     measured = DataProperties(len(ensemble), reference, scheduling)
@@ -288,7 +285,7 @@ def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> 
         information=len(ensemble) * 10 ** (ratio / 10),
         signal_to_noise=ratio,
         slow_noise=_slow_noise(diagnosis),
-        loop_bias=abs(loop.value) if loop and loop.beyond else math.nan,
+        loop_bias=abs(loop.value) if loop and loop.fault.beyond(loop.value) else math.nan,
         faults=frozenset(each.name for each in diagnosis.findings),
     )
     if not measured.is_slow:

@@ -66,7 +66,7 @@ def test_pyplot_knows_a_figure_until_a_notebook_or_a_file_has_it(ensemble, tmp_p
     assert pyplot.gcf() is figure
     (content,), (size,) = (each.values() for each in figure._repr_mimebundle_())
     assert content.startswith(b"\x89PNG")
-    assert size == {"width": 672, "height": round(96 * figure.get_figheight())}
+    assert size == {"width": 756, "height": round(108 * figure.get_figheight())}
     assert not pyplot.get_fignums()
     tv.figures.save(ensemble.plot(), tmp_path / "figure.png")
     assert not pyplot.get_fignums()

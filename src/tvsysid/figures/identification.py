@@ -58,10 +58,12 @@ def identified_impedance(
     for name in ("stiffness", *beside):
         draw_quantity(grid[name], name, models)
     if np.isfinite(spread).any():
-        first = next(iter(models.values()))
-        limits = (first.stiffness + sign * np.asarray(spread) for sign in (-1, 1))
+        first, axes = next(iter(models.values())), grid["stiffness"]
+        limits = first.stiffness + np.outer([-1, 1], spread)
         shade: Any = {"color": style.INK, "alpha": 0.12, "linewidth": 0, "zorder": 1}
-        grid["stiffness"].fill_between(first.time, *limits, label="methods differ", **shade)
+        axes.fill_between(first.time, *limits, label="methods differ", **shade)
+        ends = *axes.get_ylim(), *np.nanpercentile(limits, [2, 98])
+        axes.set_ylim(min(ends), max(ends))
     for label, look in _lines(models).items() if vaf else ():
         style.curve(grid["VAF"], models[label].time, vaf[label], **look)
         grid["VAF"].set(xlabel=style.REALIZATION_TIME, ylabel="time-varying VAF (%)", ylim=(0, 102))

@@ -51,7 +51,7 @@ def _draw_rise_times(axes: Axes, plan: Plan) -> None:
         color, label = looks[each.method]["color"], f"{each.method},\n{each.setup}"
         bar = axes.barh(label, np.nan_to_num(each.rise_time), color=color)
         axes.bar_label(bar, [f"{each.rise_time:.2g} s"], padding=3, fontsize=7)
-    axes.invert_yaxis()
+    axes.set_ylim(max(len(plan.required), 3) - 0.5, -0.5)  # from above
     axes.margins(x=0.2)
     if plan.resolution is not None:
         axes.axvline(plan.resolution, color=style.INK, linestyle=":")

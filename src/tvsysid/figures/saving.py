@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LOOK: Path = Path(__file__).with_name("tvsysid.mplstyle")
-PAGE_DPI = 96
+PAGE_DPI = 108
 # A date would make each file a new one.
 UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
@@ -43,7 +43,7 @@ def illustrated(draw: Callable[..., Any], *data: Any, title: str, text: str) -> 
 
 @attrs.frozen
 class Picture:
-    """Drawn figure for a page: SVG with its size in pixels (96 per inch)."""
+    """Drawn figure for a page: SVG with its size in pixels."""
 
     title: str
     description: str

@@ -9,12 +9,13 @@ from matplotlib.figure import Figure
 
 from tvsysid.figures import style
 from tvsysid.figures.results import scenario_traits, unique
-from tvsysid.figures.words import differing, wrapped
+from tvsysid.figures.words import count, differing, wrapped
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+MAX_WIDTH = 11.5  # inches, as wide as a page shows without scaling
 METRICS = {
     "bias_error": "bias error\n(N·m/rad)",
     "random_error": "random error\n(N·m/rad)",
@@ -67,7 +68,8 @@ def method_comparison(
     names = [name for name in metrics if name in set(rows.metric)]
     ticks = differing(scenario_traits(results).loc[list(compared)])
     heights = [1.25 * len(quantities) + 2.0, 1.2 * len(names) + 0.8]
-    figure = style.blank(max(1.5 * len(methods), 3.2) + 0.8, sum(heights) + 0.8, title)
+    width = min(max(1.5 * len(methods), 3.2) + 0.8, MAX_WIDTH)
+    figure = style.blank(width, sum(heights) + 0.8, title)
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
     *estimates, vaf = style.grid_of(
         upper,
@@ -75,7 +77,7 @@ def method_comparison(
         len(methods),
         xlabel="time (s)",
         ylabels=[*(OVER_TIME[name] for name in quantities), "time-varying VAF\n(%)"],
-        headings=[wrapped(method, 17) for method in methods],
+        headings=[wrapped(method, round(12 * width / len(methods))) for method in methods],
         sharex=True,
         sharey="row",
     )
@@ -94,7 +96,7 @@ def method_comparison(
             style.log_ticks(axes.yaxis)
         axes.set_xticks(range(len(ticks)), [wrapped(each, 25) for each in ticks])
     text = "mean ± 2 standard deviations; metrics ± 1 standard error"
-    return style.finish(figure, f"{results.sizes['trial']} trials: {text}")
+    return style.finish(figure, f"{count(results.sizes['trial'], 'trial')}: {text}")
 
 
 @style.styled
@@ -108,8 +110,10 @@ def error_against(what: str, rows: pd.DataFrame, title: str = "") -> Figure:
     figure, grid = style.panels(1, 1, 7.4, 4.2, title, xlabel=what, ylabels=[label])
     axes = grid[0, 0]
     axes.axhline(0, color=style.INK, linestyle="--")
-    style.points_by_method(axes, rows, unique(rows.method))
     ticks = rows["size"].unique()
+    if 0 < 20 * min(ticks) < max(ticks):
+        axes.set_xscale("log")
+    style.points_by_method(axes, rows, unique(rows.method))
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     return style.finish(figure)
 
@@ -125,11 +129,11 @@ def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
         (instant, lag), in N·m/(rad·s); coordinates lag and instant in s, and stiffness over
         (instant,) in N·m/rad.
     """
-    count = responses.sizes["instant"]
+    columns = responses.sizes["instant"]
     figure, grid = style.panels(
         1,
-        count,
-        3.2 * count + 0.8,
+        columns,
+        3.2 * columns + 0.8,
         3.6,
         title,
         xlabel="lag (s)",

@@ -196,7 +196,7 @@ def limit_to_usual(axes: Axes, curves: Iterable[Array], always: ArrayLike = ()) 
     if not ranges:
         return
     low, high = np.median(ranges, axis=0)
-    reach = MAX_REACH * (high - low)
+    reach = MAX_REACH * max(high - low, abs(high + low) / 4)  # also of constants
     ends = np.append(np.clip(ranges, low - reach, high + reach), always)
     room = 0.1 * np.nanmax(np.abs(ends)) or 1.0  # what hardly changes does not look as if it did
     axes.set_ylim(np.nanmin(ends) - room, np.nanmax(ends) + room)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tvsysid.figures import style
@@ -30,22 +31,30 @@ class Visit(NamedTuple):
 def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
     """Draw stiffness over time with its 95 % band, a line for each visit.
 
-    Beside it means with their bands, and extremes over the visits.
+    Beside it, if there are several, means with their bands, and extremes over the visits.
     """
     # A third of a page of A4
-    figure, grid = style.panels(1, 2, 9.0, 3.2, title, width_ratios=[2.2, 1], sharey=True)
-    axes, beside = grid[0]
+    ratios = [2.2, 1][: len(visits)]
+    figure, grid = style.panels(1, len(ratios), 9.0, 3.2, title, width_ratios=ratios, sharey=True)
+    axes = grid[0, 0]
     for place, visit in enumerate(visits):
-        color, band = style.PALETTE[place], (visit.lower, visit.upper)
-        look = {"color": color, "linestyle": style.STYLES[place % 4], "label": visit.label}
-        style.curve(axes, visit.time, visit.stiffness, band, **look)
+        look = {"color": style.PALETTE[place], "linestyle": style.STYLES[place % 4]}
+        band = visit.lower, visit.upper
+        style.curve(axes, visit.time, visit.stiffness, band, label=visit.label, **look)
+    axes.set(xlabel=style.REALIZATION_TIME, ylabel="stiffness (N·m/rad), 95 % band")
+    if len(visits) > 1:
+        _draw_means(grid[0, 1], visits)
+    return style.finish(figure)
+
+
+def _draw_means(beside: Axes, visits: Sequence[Visit]) -> None:
+    for place, visit in enumerate(visits):
         if np.isfinite(visit.stiffness).any():
             ends = np.nanmin(visit.stiffness), np.nanmax(visit.stiffness)
             beside.plot([place, place], ends, ":_", color=style.INK)
             mean, half = mean_of(visit.stiffness), mean_of(visit.upper - visit.lower) / 2
-            beside.errorbar(place, mean, np.nan_to_num(half), fmt="o", color=color, capsize=4)
-    axes.set(xlabel=style.REALIZATION_TIME, ylabel="stiffness (N·m/rad), 95 % band")
+            look = {"fmt": "o", "color": style.PALETTE[place], "capsize": 4}
+            beside.errorbar(place, mean, np.nan_to_num(half), **look)
     beside.set_xticks(range(len(visits)), [*map(str, range(1, len(visits) + 1))])
     beside.margins(x=0.2)
     beside.set(xlabel="visit", title="mean over time; lowest and highest")
-    return style.finish(figure)

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-PAPER = "van de Ruit et al. 2021"
 # Figures shown in the section about the recordings
 DETAILS = ("recorded-signals", "preparation")
 COUNTS = {
@@ -133,7 +132,7 @@ def experiment_figures(
 ) -> dict[str, Illustration]:
     """Return all figures of an experiment's page.
 
-    By the stem of a file's name: ``"participants"`` (the paper's figure 8), ``"participant"``
+    By the stem of a file's name: ``"participants"`` (figure 8 of the paper), ``"participant"``
     (figure 9), ``"variance-and-spread"`` (figure 10), ``"recorded-signals"`` (figure 6) and
     ``"preparation"`` (figure 7).
 
@@ -155,25 +154,23 @@ def experiment_figures(
             stiffness_of_participants,
             own,
             title="Stiffness of all participants",
-            text=f"Like figure 8 of {PAPER}: stiffness over one realization, mean over bootstraps: "
-            f"a row for each participant, a column for each perturbation, {drawn}",
+            text="Stiffness over one realization, mean over bootstraps: a row for each "
+            f"participant, a column for each perturbation, {drawn}",
         ),
         "participant": illustrated(
             participant_in_detail,
             *(own, one),
             title=f"Participant {one} in detail",
-            text=f"Like figure 9 of {PAPER}: stiffness and time-varying VAF of participant {one}, "
-            "whose VAF is in the middle of all: mean and two standard deviations over bootstraps, "
-            f"{drawn}",
+            text=f"Stiffness and time-varying VAF of participant {one}, whose VAF is in the "
+            f"middle of all: mean and two standard deviations over bootstraps, {drawn}",
         ),
         "variance-and-spread": illustrated(
             variance_and_spread,
             summary,
             title="VAF and errors of all methods",
-            text=f"Like figure 10 of {PAPER}. Bars: mean over participants of the VAF of the whole "
-            "torque, of that between 1 and 10 Hz, of the random error and, where the truth is "
-            "known, of both biases, with two standard deviations over participants; dots: single "
-            "participants.",
+            text="Bars: mean over participants of the VAF of the whole torque, of that between 1 "
+            "and 10 Hz, of the random error and, where the truth is known, of both biases, with "
+            "two standard deviations over participants. Dots: single participants.",
         ),
     }
     mine = [each for each in prepared if each.ensemble and each.recorded.participant == one]
@@ -183,16 +180,16 @@ def experiment_figures(
             recorded_signals,
             excerpts,
             title=f"What was recorded from {one}",
-            text=f"Like figure 6 of {PAPER}: angle and torque, and the torque to be followed if "
-            "there is one, a row for each perturbation.",
+            text="Angle and torque, and the torque to be followed if there is one, a row for each "
+            "perturbation.",
         )
         shown["preparation"] = illustrated(
             preparation_steps,
             mine[0].preparation,
             title=f"Preparation of {mine[0].recorded.label}",
-            text=f"Like figure 7 of {PAPER}. Above: the torque of all realizations as it was "
-            "recorded, and that of those that were kept, aligned if there is a target, with their "
-            "mean subtracted. Below, the signal that each step compares, with its mean and limits.",
+            text="First, the torque of all realizations as it was recorded, and that of those that "
+            "were kept, aligned if there is a target, with their mean subtracted. Then the signal "
+            "that each step compares, with its mean and limits.",
         )
     return shown
 

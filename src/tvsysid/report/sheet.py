@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import attrs
 import numpy as np
 
 from tvsysid import __version__
@@ -134,10 +133,7 @@ def write_recordings(
         for visit, _ in known
         if np.isfinite(visit.stiffness).any()
     }
-    pictures = {
-        label: attrs.evolve(each, width=each.width // 2, height=each.height // 2)
-        for label, each in draw_all(figures).items()
-    }
+    pictures = draw_all(figures)
     rows = [{"recording": visit.label, **json.loads(about["sheet"])} for visit, about in known]
     values = pd.DataFrame(rows)
     render(path, "recordings.html", known=known, pictures=pictures, values=values, command=command)

@@ -65,3 +65,11 @@ def test_poles_outside_the_unit_circle_are_reflected(random):
     piece = subspace.Piece(output, np.ones(400), inputs)
     found = subspace.dynamics([piece], HORIZON, 1, lagged=False)
     np.testing.assert_allclose(found, [1.0, -1 / 1.02], rtol=1e-6)
+
+
+def test_lagged_products_are_those_of_the_lagged_signals(random):
+    signals = random.normal(size=(3, 230))
+    late = np.lib.stride_tricks.sliding_window_view(signals, 31, axis=1)[..., ::-1]
+    columns = late.swapaxes(0, 1).reshape(200, -1)
+    found = subspace.lagged_gram(signals, 30).reshape(93, 93)
+    np.testing.assert_allclose(found, columns.T @ columns, atol=1e-10)

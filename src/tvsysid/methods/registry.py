@@ -15,13 +15,12 @@ from tvsysid.errors import InputError, describe_error, one_line
 from tvsysid.methods.adaptive.adaptive import AdaptiveRegression
 from tvsysid.methods.base import Method
 from tvsysid.methods.birf import BasisIRF
-from tvsysid.methods.cascade.alternating import BasisCascade, EnsembleCascade
+from tvsysid.methods.cascade.alternating import BasisCascade, EnsembleCascade, ParallelCascade
 from tvsysid.methods.cascade.cascade import JointCascade
 from tvsysid.methods.eirf import EnsembleIRF
 from tvsysid.methods.esm import EnsembleSpectral
 from tvsysid.methods.kbr.kbr import KernelRegression
 from tvsysid.methods.modal import ModalDecomposition
-from tvsysid.methods.parallel_cascade import ParallelCascade
 from tvsysid.methods.scheduled.scheduled import ScheduledImpedance, ScheduledIRF
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.settings import settings_from_text

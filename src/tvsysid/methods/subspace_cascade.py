@@ -173,7 +173,7 @@ class SubspaceCascade(TwoPathwayMethod):
                 float(len(response) + self.terms + 2 * self.order),
                 details={"second_order_agreement": agrees},
             ),
-        ).with_shares(ensemble)
+        ).with_details(ensemble)
 
     def _pieces(self, ensemble: Ensemble, lags: int) -> Iterator[Piece]:
         """Yield realizations that follow each other, with as much context as the lags reach."""

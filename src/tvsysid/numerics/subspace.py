@@ -16,7 +16,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import cholesky, solve_triangular
 
 from tvsysid.numerics import Array
-from tvsysid.numerics.hammerstein import lagged_gram
 
 ROUNDING = 1e-9  # relative singular value below which a direction of the inputs is rounding
 RIDGE = 1e-13  # share of an input's power: more than the rounding of its products
@@ -171,7 +170,7 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     for output, angle, inputs in pieces:
         signals = np.pad(np.vstack([output, inputs.T]), ((0, 0), (further, 0)))
         signals = np.vstack([signals, angle]) if lagged else signals
-        gram = gram + lagged_gram(signals[:, None], reach - 1)
+        gram = gram + lagged_gram(signals, reach - 1)
     late = np.arange(reach) - np.full((len(signals), 1), horizon)  # the past begins at 0
     late[-1] -= further
     late[0] = horizon  # the output is no input
@@ -183,6 +182,30 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     factor = cholesky(scaled + RIDGE * np.eye(len(inputs)), lower=True)
     outputs = gram[inputs, :horizon][:, ::-1] / size
     return np.asarray(solve_triangular(factor, outputs, lower=True)[len(future) :].T)
+
+
+def lagged_gram(signals: Array, before: int) -> Array:
+    r"""Return sums of products of lagged signals (signal, before + time).
+
+    .. math:: G_{ki,lj} = \sum_t u_k(t - i)\, u_l(t - j), \qquad 0 \le i, j \le before
+
+    One sample later in both lags, a sum gains what comes in at the beginning and loses what goes
+    out at the end, so that all follow from those with lag 0; no matrix of lagged signals is
+    built.
+    """
+    count, length = signals.shape
+    gram = np.empty((count, before + 1, count, before + 1))
+    for lag in range(before + 1):
+        gram[:, 0, :, lag] = signals[:, before:] @ signals[:, before - lag : length - lag].T
+        gram[:, lag, :, 0] = gram[:, 0, :, lag].T
+    entering, leaving = (
+        each[:, ::-1].ravel() for each in (signals[:, :before], signals[:, length - before :])
+    )
+    change = np.outer(entering, entering) - np.outer(leaving, leaving)
+    change = change.reshape(count, before, count, before)
+    for lag in range(before):
+        gram[:, lag + 1, :, 1:] = gram[:, lag, :, :-1] + change[:, lag]
+    return gram
 
 
 def _least_squares(columns: Array, target: Array) -> Array:

@@ -214,8 +214,8 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         for quantity, *each in zip(IMPEDANCE, features, limited, strict=True)
     }
     gain = data.gain(ensemble.time / data.period)
-    unit = "N m/V" if search.emg else UNITS["reflex_gain"]
-    estimates["reflex_gain"] = _estimate(fit, unit, gain, search.emg is None, data.own)
+    drive = search.drive(direction, float(fit.shape[THRESHOLD]))
+    estimates["reflex_gain"] = _estimate(fit, drive.gain_unit, gain, search.emg is None, data.own)
     known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
     over_time = data.over_time(mean[: data.own])
@@ -231,7 +231,7 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         lags=np.arange(-lags, lags + 1) / rate,
         reflex_response=response * known * rate,
         reflex_lags=reflex_lags,
-        drive=search.drive(direction, float(fit.shape[THRESHOLD])),
+        drive=drive,
         fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters(
             direction, data.varies, data.noise, fit.shape, fit.parameters, fit.positive

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import ClassVar, Self
+from typing import Self
 
 import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tvsysid.dataset_layout import Labelled
+from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
@@ -33,6 +33,8 @@ class Stretch:
     threshold: float = 0.0
     direction: int = 1
 
+    gain_unit = UNITS["reflex_gain"]
+
     def __call__(self, ensemble: Ensemble) -> Array:
         """See :func:`tvsysid.numerics.stretch.stretch`."""
         return stretch(*velocity_of(ensemble), self.threshold, self.direction)
@@ -43,7 +45,8 @@ class MeasuredChannel:
     """Measured channel that drives the reflex."""
 
     name: str
-    direction: ClassVar[int] = 0  # none
+
+    gain_unit = "N m/V"
 
     def __call__(self, ensemble: Ensemble) -> Array:
         """Return the signal of the channel, unchanged."""
@@ -156,10 +159,12 @@ class TwoPathwayModel(ImpulseResponseModel):
     reflex_lags: Array
     drive: Drive
 
-    def with_shares(self, ensemble: Ensemble) -> Self:
-        """Return the model with the shares of the torque that it and its pathways explain, in %."""
+    def with_details(self, ensemble: Ensemble) -> Self:
+        """Return the model with details: the direction of stretch, and :func:`explained_shares`."""
         shares = explained_shares(ensemble.torque[:, ensemble.core], self.pathways(ensemble))
         details = {**self.diagnostics.details, **shares}
+        if isinstance(self.drive, Stretch):
+            details["direction"] = float(self.drive.direction)
         return attrs.evolve(self, diagnostics=attrs.evolve(self.diagnostics, details=details))
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:

@@ -17,7 +17,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods.base import fitting_lags
 from tvsysid.methods.cascade.columns import Data, deviations, readout
 from tvsysid.methods.cascade.fit import DAMPING, FREQUENCY, THRESHOLD, USUAL_PARAMETERS, Fit
-from tvsysid.methods.cascade.pathways import Drive, MeasuredChannel, Stretch, history
+from tvsysid.methods.cascade.pathways import MeasuredChannel, Stretch, history
 from tvsysid.methods.cascade.reflex_test import (
     MIN_TESTED_REALIZATIONS,
     predicts_better,
@@ -87,7 +87,7 @@ class Search:
         """Return torque and intrinsic signals."""
         return Data.of(self.ensemble, self.harmonics, self.lags)
 
-    def drive(self, direction: int, threshold: float) -> Drive:
+    def drive(self, direction: int, threshold: float) -> Stretch | MeasuredChannel:
         """Return the drive of a reflex."""
         return MeasuredChannel(self.emg) if self.emg else Stretch(threshold, direction)
 

@@ -1,0 +1,82 @@
+"""Identify two linear pathways in parallel, each from what the other leaves of the output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tvsysid.numerics import Array
+from tvsysid.numerics.bases import Basis, evaluate
+from tvsysid.numerics.gaussian import Moments, ridge
+from tvsysid.numerics.moments import expanded
+
+MAX_TURNS = 30  # of either pathway
+
+
+class Lagged(NamedTuple):
+    """Sums over ``realizations`` of products of lagged signals at each time.
+
+    The signals are ``lags`` lagged angles, then the lagged drive of the reflex, and the torque.
+    Shapes are (time, lag, lag), (time, lag), and (time,) for the torque's square.
+    """
+
+    gram: Array
+    cross: Array
+    square: Array
+    lags: int
+    realizations: int
+
+    @classmethod
+    def of(cls, angle: Array, past: Array, torque: Array) -> Self:
+        """Return the sums of signals (realization, time) with as much context as the lags reach."""
+        count, times = torque.shape
+        views = (
+            sliding_window_view(each, each.shape[1] - times + 1, axis=1)[..., ::-1]
+            for each in (angle, past)
+        )
+        columns = np.concatenate([*views], axis=2).transpose(1, 2, 0)
+        gram, cross = columns @ columns.swapaxes(1, 2), (columns @ torque.T[..., None])[..., 0]
+        return cls(gram, cross, np.sum(torque**2, axis=0), angle.shape[1] - times + 1, count)
+
+
+# Function that returns the weights (time, lag) of a pathway from gram, cross and square of its
+# lagged signal, and the number of realizations.
+Solver = Callable[[Array, Array, Array, int], Array]
+
+
+def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> tuple[Array, float]:
+    """Return weights (time, lag) of all lagged signals, and the share of the square they explain.
+
+    In each turn, the intrinsic pathway is fitted to the torque that the reflex leaves, then the
+    reflex to the torque that the intrinsic pathway leaves. The last turn is the one before one that
+    explains less than ``min_gain`` more.
+    """
+    gram, cross, square, lags, realizations = lagged
+    best, explained = np.zeros(cross.shape), -np.inf
+    for _ in range(MAX_TURNS):
+        weights = best.copy()
+        for own in slice(lags), slice(lags, None):
+            weights[:, own] = 0.0
+            left = cross - np.einsum("tij,tj->ti", gram, weights)
+            unexplained = square - np.sum(weights * (cross + left), axis=1)
+            weights[:, own] = solver(gram[:, own, own], left[:, own], unexplained, realizations)
+        left = cross - np.einsum("tij,tj->ti", gram, weights)
+        share = float(np.sum(weights * (cross + left)) / np.sum(square))
+        if not share >= explained + min_gain:
+            break
+        best, explained = weights, share
+    return best, explained
+
+
+def solve_by_basis(
+    basis: Basis, gram: Array, cross: Array, square: Array, realizations: int
+) -> Array:
+    """Return weights (time, lag) that change by a basis. One prior holds for all coefficients."""
+    functions = evaluate(basis, len(cross))
+    samples = realizations * len(functions)
+    products = expanded(gram, functions), (cross.T @ functions).ravel()
+    coefficients = ridge(Moments(*products, float(square.sum()), samples)).mean
+    return np.asarray(functions @ coefficients.reshape(-1, functions.shape[1]).T)

@@ -93,7 +93,7 @@ def tvsysid(monkeypatch, capsys, tmp_path):
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
     monkeypatch.setattr("tvsysid.studies.published_study.draw_all", lambda *given: {})
-    diagnosis = "tvsysid.studies.van_de_ruit_2021.folder.write_diagnosis"
+    diagnosis = "tvsysid.studies.van_de_ruit_2021.experiment.write_diagnosis"
     monkeypatch.setattr(diagnosis, lambda *given: None)
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)

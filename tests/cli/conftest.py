@@ -52,7 +52,7 @@ def not_held_out(monkeypatch):
 def only_identified(monkeypatch, not_held_out):
     """Nor with diagnosis and recommendation, which take longer than most methods."""
 
-    importlib.import_module("tvsysid.studies.van_de_ruit_2021.folder")  # with the true diagnosis
+    importlib.import_module("tvsysid.studies.van_de_ruit_2021.experiment")  # before it is replaced
 
     def undiagnosed(*given, **words):
         raise InputError("it is not diagnosed")

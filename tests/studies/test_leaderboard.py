@@ -97,7 +97,8 @@ def test_ranks_are_shared_with_the_leader_within_two_standard_errors():
     # 4.2 is within 0.4 of 4.0; 4.5 is not, and leads. 5.0 moves as 4.5 does: their difference is
     # sure.
     assert leaderboard.ranks_of(errors[None]) == [1, 1, 3, 4, 5]
-    assert leaderboard.ranks_of(errors[None, :1]) == [1] * 5  # of one trial nothing is sure
+    with pytest.raises(InputError, match="one trial cannot rank methods"):
+        leaderboard.study_of(trials=1)
 
 
 @pytest.fixture
@@ -115,9 +116,9 @@ def tiny(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("tiny")
 def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path):
-    secret, pages = 3**50, []
+    pages = []
     for folder in ("one", "two", "one"):  # the last from what is kept
-        code, out, err = tvsysid("leaderboard", "--seed", secret, "--workers", 1, "--out", folder)
+        code, out, err = tvsysid("leaderboard", "--workers", 1, "--out", folder)
         assert code == 0, out + err
         assert "skipped" not in err
         pages.append((tmp_path / folder / "leaderboard.html").read_text())
@@ -130,9 +131,6 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
     np.testing.assert_allclose(table.score, table["square-noise-20s-10dB"], rtol=1e-5)
     assert "First: sds, sds:window=0.1." in text
     assert "lpv skipped 2 2" in " ".join(re.sub("<.+?>", " ", text).split())
-    assert hashlib.sha256(f"tvsysid leaderboard 1 seed {secret}".encode()).hexdigest() in text
-    assert str(secret) not in text + csv.read_text()
-    assert "which is public" not in text
     assert "Not leaderboard 1: it has fewer or more trials." in text
 
 

@@ -14,7 +14,6 @@ def leaderboard(
     *,
     method: Methods | None = None,
     trials: int | None = None,
-    seed: int | None = None,
     workers: WorkerOptions = Workers(),
     out: Path = Path("tvsysid-leaderboard"),
 ) -> int:
@@ -31,7 +30,7 @@ def leaderboard(
 
     - `leaderboard.csv`: a row for each entry, with its error in each scenario;
 
-    - `results.nc`: every trial. It holds the seed: do not publish that of a secret one.
+    - `results.nc`: every trial.
 
     If the command is interrupted or killed, the same command resumes.
 
@@ -40,17 +39,14 @@ def leaderboard(
     Parameters
     ----------
     trials
-        Trials of each scenario, fewer to try it out. [10, which the version has]
-    seed
-        Seed that is kept secret, of 20 digits or more; the page has its hash only. [the public one
-        of the version]
+        Trials of each scenario, two at least, to try it out. [10, which the version has]
     out
         Folder for the results.
     """
     from tvsysid.report import problems
     from tvsysid.studies.leaderboard import FILES, study_of, write_leaderboard
 
-    study = study_of(method or (), **given(trials=trials, seed=seed))
+    study = study_of(method or (), **given(trials=trials))
     results = run_study(study, out, workers)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)

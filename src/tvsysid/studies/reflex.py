@@ -93,10 +93,6 @@ CLAIMS = (
         "Methods of two pathways are free of it (of 75 % at least)", LUDVIG,
         ratio(high=0.25), BIAS, list(product(["cascade", "bpc", "tvpc"], ["birf", "kbr"])), SINE,
     ),
-    claim(
-        "Without a reflex cascade finds none (of more than 0.4 N·m·s/rad)", "this package",
-        Margin(high=0.4), GAIN, "cascade", CONSTANT[0.0],
-    ),
     Claim(
         "tvpc needs 500 to 800 realizations (for a reflex gain to within 25 %)", LUDVIG,
         [

@@ -1,4 +1,4 @@
-"""Claims of van de Ruit et al. (2021) about their experiment.
+"""Experiments like that of van de Ruit et al. (2021): its claims, and what is written of them.
 
 Samples are the numbers of participants, with limits of a t distribution. The paper gives no
 thresholds: those here are ours, and part of the sentences.
@@ -7,7 +7,9 @@ thresholds: those here are ours, and part of the sentences.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +18,10 @@ from scipy.stats import t as student
 
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.numerics import Array
+from tvsysid.quality import Diagnosis
+from tvsysid.recordings import write_ensemble
+from tvsysid.report import write_diagnosis, write_experiment_report
+from tvsysid.report.experiment import experiment_figures, stiffness_to_report
 from tvsysid.studies.claims import (
     HIGHER,
     HIGHER_RATIO,
@@ -27,7 +33,8 @@ from tvsysid.studies.claims import (
     ranked,
     ratio,
 )
-from tvsysid.study import score
+from tvsysid.studies.published_study import Written, write_outcome
+from tvsysid.study import Prepared, exclusions, score, stiffness_over_time, summarize
 from tvsysid.study.bootstraps import STEPS
 from tvsysid.study.experiment import PREPARATION
 
@@ -209,3 +216,46 @@ def judge_experiment(results: xr.Dataset) -> pd.DataFrame:
     is_followed = made["reference"] and made | target == PREPARATION
     is_papers = is_followed and {*results.perturbation.values} <= {*SURVIVED}
     return judge_claims(CLAIMS if is_papers else (), experiment_evidence(results))
+
+
+def write_experiment(
+    results: xr.Dataset,
+    prepared: Sequence[Prepared],
+    folder: Path,
+    command: str = "",
+) -> Written:
+    """Write tables, ensembles, figures and pages of an experiment.
+
+    Parameters
+    ----------
+    results, folder, command
+        As for :meth:`tvsysid.studies.published_study.PublishedStudy.write`.
+    prepared
+        The recordings; none, if they are gone: then ``answers.csv``, ``exclusions.csv`` and
+        ``prepared/`` stay as they are.
+    """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    results = results.load()
+    summary, claims = summarize(results), judge_experiment(results)
+    tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}
+    if len(claims):
+        tables["claims.csv"] = claims
+    files = ["report.html", "figures/"]
+    diagnoses: dict[str, Diagnosis] = {}
+    if prepared:
+        tables["answers.csv"], diagnoses = stiffness_to_report(prepared, results)
+        tables["exclusions.csv"] = exclusions(prepared)
+        for each in prepared:
+            if each.ensemble:
+                file = folder / "prepared" / f"{each.recorded.label}.nc"
+                write_ensemble(file, each.ensemble)
+        write_diagnosis(folder / "diagnosis.html", diagnoses, command)
+        files += ["prepared/", "diagnosis.html"]
+    elif (file := folder / "answers.csv").exists():
+        tables["answers.csv"] = pd.read_csv(file, keep_default_na=False)
+    pictures = write_outcome(folder, tables, experiment_figures(results, summary, prepared))
+    answers = tables.get("answers.csv")
+    page = folder / "report.html"
+    write_experiment_report(page, results, summary, claims, pictures, command, answers)
+    return Written(summary, claims, [*files, *tables], diagnoses, answers)

@@ -1,4 +1,4 @@
-"""Claims of van de Ruit et al. (2021) about their simulations.
+"""Simulations of van de Ruit et al. (2021): studies, claims, and figure 2.
 
 The paper gives few thresholds. Those here are ours, and part of the sentences.
 """
@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tvsysid.figures import Illustration, impulse_responses
 from tvsysid.methods import PAPER_METHODS as FIVE
+from tvsysid.models import IMPEDANCE
+from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
 from tvsysid.studies.claims import HIGHER, HIGHER_RATIO, Margin, claim, ranked, ratio
 from tvsysid.studies.published_study import PublishedStudy
-from tvsysid.studies.van_de_ruit_2021.impulse_responses import illustration
-from tvsysid.study.scenarios import Scenario
+from tvsysid.study.scenarios import RATE, Scenario, Study
+from tvsysid.study.trials import draw
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,6 +54,15 @@ RESIDUE = (
     "which differs from trial to trial, where a method's model does not fit (switches within a "
     "window, leakage of esm). So the amounts of data tell what noise does only while it prevails, "
     "up to some 10 dB at 150 s."
+)
+
+WITH_RESPONSES = ("eirf", "sds", "birf:model=irf")
+SHOWN_SAMPLES = [25, 100]  # half-way between two switches: low and high stiffness
+RESPONSES_TITLE = "Impulse responses at a low and a high stiffness: PRBS, 150 s, 10 dB"
+RESPONSES_TEXT = (
+    "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from a "
+    "trial of the square wave, with the paper's settings, drawn over the true one in the band of "
+    "the data, at a low and a high stiffness in N·m/rad."
 )
 
 VISCOSITIES = ("constant", "covarying")
@@ -195,11 +207,54 @@ def grouped(_: xr.Dataset, traits: pd.DataFrame) -> tuple[pd.Series, int]:
     return traits.profile + ending + "-" + traits.perturbation, 0
 
 
+def figure_of_responses(results: xr.Dataset) -> dict[str, Illustration]:
+    """Return the figure for a study with a square wave."""
+    shown = Illustration(
+        lambda: impulse_responses(example_responses(), RESPONSES_TITLE),
+        RESPONSES_TITLE,
+        RESPONSES_TEXT,
+    )
+    return {"impulse-responses": shown} if "square" in results.profile else {}
+
+
+def example_responses() -> xr.Dataset:
+    r"""Return impulse responses of the first trial of 150 s (square wave, PRBS), like figure 2.
+
+    The true one is that of :math:`I s^2 + b s + k` in the band of the data (up to 80 % of the
+    Nyquist frequency), for a response that holds all frequencies has no finite values.
+
+    ``impulse_response`` over (method_key, instant, lag) and ``true_impulse_response`` over
+    (instant, lag) are in N·m/(rad·s), with the coordinate ``stiffness`` in N·m/rad over (instant).
+    """
+    import xarray as xr  # noqa: PLC0415  # heavy
+
+    study = Study(perturbation=("prbs",), methods=WITH_RESPONSES)
+    ensemble, truth = draw(study, study.scenarios[0], 0)
+    methods: Any = study.named_methods.values()
+    found = [each.identify(ensemble).impulse_response[SHOWN_SAMPLES] for each in methods]
+    true = np.stack([truth.quantities[name][SHOWN_SAMPLES] for name in IMPEDANCE], axis=-1)
+    # Discrete weights of a derivative of order m are those for unit sample time, times the rate to
+    # the power m; a response is per second, which is once more the rate.
+    weights = derivative_weights(HALF_WIDTH) * RATE ** np.array([[1.0], [2.0], [3.0]])
+    return xr.Dataset(
+        {
+            "impulse_response": (("method_key", "instant", "lag"), found),
+            "true_impulse_response": (("instant", "lag"), true @ weights),
+        },
+        coords={
+            "method_key": list(WITH_RESPONSES),
+            "instant": ensemble.time[SHOWN_SAMPLES],
+            "stiffness": ("instant", true[:, 0]),
+            "lag": np.arange(-HALF_WIDTH, HALF_WIDTH + 1) / RATE,
+        },
+    )
+
+
 STUDY = PublishedStudy(
     ("joint",),
     "van de Ruit et al. (2021) say of their simulations",
     PRESETS,
     CLAIMS,
     grouped,
-    further=illustration,
+    further=figure_of_responses,
 )

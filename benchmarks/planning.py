@@ -49,7 +49,7 @@ def main() -> None:
         for name, plan in plans.items():
             for recording in plan.required:
                 count = recording.realizations
-                if count is None or count > protocol.most_simulated:
+                if count is None or count > protocol.sizes[-1]:
                     continue
                 reached = half_band(protocol, plan, recording.method, count, chosen.trials)
                 kept.append((name == "stated", reached <= TOLERANCE * chosen.precision))

@@ -5,7 +5,7 @@ from tests.conftest import ensemble_of
 
 
 def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
-    monkeypatch.setattr("tvsysid.planning.Protocol.most_simulated", 40)
+    monkeypatch.setattr("tvsysid.planning.Protocol.sizes", (10, 40))
     ensemble = ensemble_of(40.0, "sine", "noise")
     signals = {
         name: ensemble.signal(name)[:, ensemble.core].ravel() for name in ("angle", "torque")
@@ -16,7 +16,7 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
         "sds:window=0.6 --precision 6 --resolution 0.25 --out planned"
     )
     assert (code, errors) == (0, "")
-    assert "pilot: stiffness 4" in shown
+    assert "pilot: stiffness by adaptive 4" in shown
     assert (
         "To know stiffness to ± 6 N·m/rad at 95 % and follow a change within 0.25 s, with birf and "
         "the" in shown

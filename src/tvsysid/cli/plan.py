@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import attrs
+
 from tvsysid.cli.console import say, say_written, show_table, shown_progress
 from tvsysid.cli.options import Methods, ReadingOptions, SegmentationOptions, given
 from tvsysid.errors import InputError
@@ -120,18 +122,18 @@ def plan(
 
 def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol:
     """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
-    from tvsysid import preprocess
+    from tvsysid.comparison import prepare_recording
     from tvsysid.planning import Protocol
     from tvsysid.recordings import read_recording
 
-    recording = read_recording(file, reading)
-    if segmentation.decimate is not None:
-        recording = preprocess.decimate(recording, segmentation.decimate)
-    period = segmentation.period or PERIOD_S
-    pilot = Protocol.of(preprocess.segment(recording, period, segmentation.context))
+    cutting = attrs.evolve(segmentation, period=segmentation.period or PERIOD_S)
+    prepared = prepare_recording(read_recording(file, reading), cutting)
+    for note in prepared.notes:
+        say(note)
+    pilot = Protocol.of(prepared.ensemble)
     stiffness = pilot.stiffness_over_time
     say(
-        f"pilot: stiffness {stiffness.min():.0f} to {stiffness.max():.0f} N·m/rad; "
+        f"pilot: stiffness by adaptive {stiffness.min():.1f} to {stiffness.max():.1f} N·m/rad; "
         f"noise of the torque {pilot.noise:.2g} N·m RMS"
     )
     return pilot

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,10 +20,9 @@ from tvsysid.planning.protocol import Protocol, Simulated
 from tvsysid.preprocess import subtract_mean
 from tvsysid.signals import Array, Ensemble
 
-MIN_REALIZATIONS = 5  # of the smallest ensembles
+MIN_REALIZATIONS = 5  # of a pilot's halves
 DRAWS = 6  # simulated ensembles of each size
 SPLITS = 4  # of a pilot into random halves
-MAX_DURATION_S = 2400.0  # of the largest ensemble that is simulated
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n, whose sum is the variance
 # Random error over that of four times as many realizations from which on a method breaks down.
 BREAKDOWN_RATIO = 6.0
@@ -108,23 +107,8 @@ class Curve:
         return counts[place] if place < len(counts) else None
 
 
-def sizes_of(protocol: Protocol) -> list[int]:
-    """Return numbers of realizations to simulate, each four times the one before."""
-    most = min(protocol.most_simulated, int(MAX_DURATION_S / protocol.period))
-    steps = max(1, int(math.log(most / MIN_REALIZATIONS, 4) + 1e-9))
-    return [round(most / 4**step) for step in range(steps, -1, -1)]
-
-
-def measure_curve(
-    method: Method,
-    records: Sequence[Simulated],
-    sizes: Iterable[int],
-    advance: Callable[[], None],
-) -> Curve:
-    """Return the curve of a method from ensembles of these sizes, cut from simulated records.
-
-    ``advance`` is called after each size.
-    """
+def measure_curve(method: Method, records: Sequence[Simulated], sizes: Iterable[int]) -> Curve:
+    """Return the curve of a method from ensembles of these sizes, cut from simulated records."""
     rows, why = [], ""
     for count in sizes:
         parts = list(cut(records, count))
@@ -133,7 +117,6 @@ def measure_curve(
         if len(known) > 1 and np.isfinite(known).all(axis=0).any():
             truth = np.mean([each.stiffness for each in parts], axis=(0, 1))
             rows.append((count, scatter(known), debiased_bias_error(known, truth)))
-        advance()
     return Curve.of(rows, why)
 
 
@@ -145,8 +128,7 @@ def measure_excess(method: Method, protocol: Protocol, curve: Curve, seed: int) 
     between realizations, and noise that is neither Gaussian nor stationary.
     """
     pilot, random = protocol.pilot, np.random.default_rng(seed)
-    half = 0 if pilot is None else len(pilot) // 2
-    if pilot is None or half < MIN_REALIZATIONS:
+    if pilot is None or (half := len(pilot) // 2) < MIN_REALIZATIONS:
         return 1.0
     promised, own = curve.at(half).random, protocol.as_recorded()
     if str(own) != str(protocol):

@@ -5,14 +5,12 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import count
 from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of, parse
 from tvsysid.numerics.bands import critical_value
 from tvsysid.planning.curves import (
@@ -21,7 +19,6 @@ from tvsysid.planning.curves import (
     measure_curve,
     measure_excess,
     measure_rise,
-    sizes_of,
 )
 from tvsysid.planning.protocol import Protocol
 from tvsysid.progress import Progress, no_progress
@@ -167,18 +164,19 @@ def plan(
     seed
         Random seed of the simulations.
     progress
-        Function that is called with the number of steps done and of all: one for each method and
-        size of ensembles, and one for its result.
+        Function that is called with the number of steps done and of all: one for each method in
+        each setup.
 
     Raises
     ------
     InputError
-        For a precision or resolution that is not positive, or unknown methods.
+        For a precision or resolution that is not positive, an unknown method, or what is neither
+        an ensemble nor a protocol.
 
     Notes
     -----
-    Beyond the largest number that is simulated (320 realizations, 80 of a pilot, or 40 minutes),
-    variance goes on falling as it did, up to ten times as many. Random error is that of
+    Beyond the largest number that is simulated (320 realizations, or 80 of a pilot), variance goes
+    on falling as it did, up to ten times as many. Random error is that of
     :func:`tvsysid.metrics.random_error`. The plan does not know of a joint that differs from
     realization to realization, or tires.
 
@@ -192,55 +190,32 @@ def plan(
     """
     positive.check("plan", "precision", precision)
     optional(positive).check("plan", "resolution", resolution)
-    setups = _by_label(setup)
-    named = [methods] if isinstance(methods, str) else methods
-    chosen = {label_of(each): parse(each) if isinstance(each, str) else each for each in named}
-    if not chosen:
-        raise InputError("plan: expected at least one method, got none")
-    sizes = {label: sizes_of(each) for label, each in setups.items()}
-    steps, total = count(), sum(len(each) + 1 for each in sizes.values()) * len(chosen)
-
-    def advance() -> None:
-        progress(next(steps), total)
-
-    advance()
+    given = setup if isinstance(setup, Sequence) else [setup]
+    protocols = [each if isinstance(each, Protocol) else Protocol.of(each) for each in given]
+    setups = {str(each): each for each in protocols}
+    chosen = {label_of(each): parse(each) if isinstance(each, str) else each for each in methods}
     curves: dict[tuple[str, str], Curve] = {}
     required = list[RequiredRecording]()
-    for label, each in setups.items():
-        most = sizes[label][-1]
-        records = [each.simulated(most, seed + number) for number in range(DRAWS)]
+    progress(0, len(setups) * len(chosen))
+    for label, protocol in setups.items():
+        most, stepped = protocol.sizes[-1], protocol.stepped()
+        records = [protocol.simulated(most, seed + number) for number in range(DRAWS)]
         for name, method in chosen.items():
-            curve = measure_curve(method, records, sizes[label], advance)
-            excess = measure_excess(method, each, curve, seed)
+            curve = measure_curve(method, records, protocol.sizes)
+            excess = measure_excess(method, protocol, curve, seed)
             curve = curves[label, name] = attrs.evolve(curve, excess=excess)
             number = curve.needed(precision / HALF_BAND / MARGIN, EXTRAPOLATION * most)
             why = [] if number else [_why_not(curve, most, precision)]
-            rise, stepped = math.nan, each.stepped()
+            rise = math.nan
             if stepped:
                 rise = measure_rise(method, stepped.simulated(min(number or most, most), seed))
             if resolution is not None and not rise <= resolution:
                 why.append(f"it takes {rise:.2g} s to follow a step")
             random, bias = curve.at(number or most)
-            reached = each.seconds(number or most), HALF_BAND * random, bias, rise, excess
+            reached = protocol.seconds(number or most), HALF_BAND * random, bias, rise, excess
             required.append(RequiredRecording(label, name, number, *reached, "; ".join(why)))
-            advance()
+            progress(len(required), len(setups) * len(chosen))
     return Plan(precision, resolution, setups, chosen, curves, tuple(required))
-
-
-def _by_label(
-    given: Ensemble | Protocol | Sequence[Ensemble | Protocol],
-) -> dict[str, Protocol]:
-    """Return the protocols by label; of a pilot's ensemble, what it shows."""
-    by_label = dict[str, Protocol]()
-    for each in given if isinstance(given, Sequence) else [given]:
-        if not isinstance(each, Ensemble | Protocol):
-            raise InputError(
-                "plan: expected a pilot's Ensemble or a Protocol, got "
-                f"{type(each).__name__}; segment a Recording first"
-            )
-        protocol = Protocol.of(each) if isinstance(each, Ensemble) else each
-        by_label[str(protocol)] = protocol
-    return by_label
 
 
 def _why_not(curve: Curve, most: int, precision: float) -> str:

@@ -15,7 +15,7 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import AdaptiveRegression, label_of, resolve
 from tvsysid.preprocess import decimate, segment, subtract_mean
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array, Ensemble, check_ensemble
 from tvsysid.simulate import (
     PERTURBATIONS,
     PROFILES,
@@ -32,7 +32,6 @@ from tvsysid.simulate.simulation import System
 from tvsysid.validators import optional, positive, settings_of, with_settings
 
 SIMULATED_HZ = 1000.0
-MIN_INERTIA = 1e-9  # kg·m², of a pilot
 STEP_SHARE = 0.25  # of a constant stiffness, that a step goes to either side of it
 NEGATIVE = (
     "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in "
@@ -157,6 +156,7 @@ class Protocol:
         InputError
             For fewer than four realizations, or a stiffness that is negative in the mean.
         """
+        check_ensemble("plan", ensemble)
         centred = ensemble if ensemble.mean_subtracted else subtract_mean(ensemble)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataQualityWarning)  # a diagnosis says it better
@@ -172,7 +172,7 @@ class Protocol:
         kind = ReflexJoint if "reflex_gain" in over_time else Joint
         residual = centred.torque[:, centred.core] - model.predict(centred)
         return cls(
-            kind(inertia=max(float(np.mean(model.inertia)), MIN_INERTIA), **over_time),
+            kind(inertia=float(np.mean(model.inertia)), **over_time),
             None,
             noise=unbiased_std(residual),
             period=ensemble.duration,
@@ -191,9 +191,9 @@ class Protocol:
         return attrs.evolve(self, perturbation=spectrum, amplitude=unbiased_std(angle))
 
     @property
-    def most_simulated(self) -> int:
-        """Largest number of realizations to simulate. A pilot does not tell about many more."""
-        return 320 if self.pilot is None else 80
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of realizations to simulate. A pilot does not tell about many more."""
+        return (5, 20, 80, 320) if self.pilot is None else (5, 20, 80)
 
     def __str__(self) -> str:
         return f"{label_of(self.perturbation)} of {self.amplitude:.2g} rad"

@@ -73,7 +73,7 @@ def test_no_single_time_is_far_off_and_bands_hold(damping):
         (
             IMPULSES,
             {"viscosity": 5.0},
-            r"the joint does not ring: its damping ratio is 0.79 \(100 N·m/rad, 5 N·m·s",
+            r"the joint does not ring: its damping ratio is 0.79 \(99.9 N·m/rad, 5 N·m·s",
         ),
     ],
 )

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 
 import attrs
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.methods import base, shared
+from tvsysid.methods.birf import BasisIRF
 from tvsysid.models import Model
-from tvsysid.numerics.bands import mean_and_spread
-from tvsysid.numerics.bases import FourierSeries, evaluate
+from tvsysid.numerics.bands import mean_and_spread, mean_of
+from tvsysid.numerics.bases import FourierSeries
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import positive
 
@@ -25,12 +27,10 @@ MAX_DAMPING = 0.35  # damping ratio up to which a joint rings for long enough
 CLEAR = 3.5  # standard deviations of the window between an impulse and the first time used
 MAX_RINGING_S = 0.25  # used after each impulse
 SMOOTHING_S = 0.03  # standard deviation of the Gaussian that smooths signals to find the inertia
-REACH = 4.0  # standard deviations to which Gaussians extend
-LOWEST = 2 * math.pi  # frequency in rad/s
+REACH = 4.0  # standard deviations to which the window extends
 ROUNDS = 3  # of the search for the frequency
-HARMONICS = 3  # of stiffness and viscosity in the fit of the inertia
+HARMONICS = 6  # of stiffness and viscosity in the fit of the inertia
 MIN_SAMPLES = 3  # after an impulse
-MIN_IMPULSES = 3  # for a standard error
 
 
 @attrs.frozen
@@ -45,7 +45,7 @@ class ModalDecomposition(base.Method):
     with the frequency ω (rad/s) and the amplitude A of the wave that is fitted within a Gaussian
     window about each time, beside its mirror image at -ω and a constant. Each impulse gives 0.25 s,
     from 3.5 ``window`` after it on, as far as no other impulse is near. Each time has the mean over
-    the impulses that reach it; the bands are those of their spread, where three or more do, and of
+    the impulses that reach it. The bands are those of their spread, where two or more do, and of
     the inertia.
 
     Parameters
@@ -55,7 +55,8 @@ class ModalDecomposition(base.Method):
 
     Notes
     -----
-    The inertia I of all that moves is that of a least-squares fit to angle and torque.
+    The inertia I of all that moves is that of :class:`tvsysid.BasisIRF`, fitted to angle and torque
+    after the same Gaussian has smoothed both. This removes noise and the impulses' edges.
 
     The method suits a joint that moves freely, or with its load, between impulses of torque. It
     suits hardly any other joint: the ankle is damped too much (damping ratio 0.6 to 1.1).
@@ -113,7 +114,7 @@ class ModalDecomposition(base.Method):
         samples, rate = ensemble.samples, ensemble.sampling_rate
         whole, inertia_error = mean_impedance(ensemble)
         clear, reach = math.ceil(CLEAR * self.window * rate), round(REACH * self.window * rate)
-        tracks = [np.full((samples, 2), np.nan)]  # for each impulse, after one that says nothing
+        found = np.full((len(ensemble), samples, 3), np.nan)
         for run in ensemble.runs:
             recorded = ensemble.angle_as_recorded[run, ensemble.core]
             angle = recorded.reshape(len(run) * samples, -1).mean(axis=1)
@@ -127,58 +128,42 @@ class ModalDecomposition(base.Method):
                 last = min(longest, following - clear, len(angle) - reach - 1)
                 times = np.arange(max(peak + clear, reach), last + 1)
                 if len(times) >= MIN_SAMPLES:
-                    found = track(angle, times, self.window, rate, whole)
-                    tracks.append(np.full((samples, 2), np.nan))
-                    tracks[-1][times % samples] = found
-        count = np.isfinite(tracks).sum(axis=0)
-        mean, spread = mean_and_spread(np.stack(tracks))
-        spread[count < MIN_IMPULSES] = np.nan
-        errors = np.hypot(spread / np.sqrt(count), inertia_error * mean)
-        inertias = np.where(np.isfinite(mean[:, :1]), whole[2], np.nan)
-        errors = np.hstack([errors, np.full_like(inertias, np.nan)])
-        freedom = np.maximum(count[:, :1] - 1.0, 1.0)
-        estimates = shared.impedance_estimates(
-            np.hstack([mean, inertias]), shared.standard_errors(errors, freedom)
-        )
+                    realizations = run[times // samples]
+                    found[realizations, times % samples] = track(
+                        angle, times, self.window, rate, whole
+                    )
+        count = np.isfinite(found).sum(axis=0)
+        mean, spread = mean_and_spread(found)
+        values = np.hypot(spread / np.sqrt(count), inertia_error * mean)
+        errors = shared.standard_errors(values, np.maximum(count - 1.0, 1.0))
+        estimates = shared.impedance_estimates(mean, errors)
         return Model.of(ensemble, estimates=estimates, parameters=2.0)
 
 
 def mean_impedance(ensemble: Ensemble) -> tuple[Array, float]:
-    """Return mean stiffness, viscosity and inertia (3,), and the relative error of inertia.
-
-    They are fitted by least squares. Angle and torque are smoothed alike, which removes noise
-    and the impulses' edges. Stiffness and viscosity have a few harmonics. The error takes
-    realizations as independent samples.
-    """
-    rate, width = ensemble.sampling_rate, SMOOTHING_S * ensemble.sampling_rate
-    reach = math.ceil(REACH * width)
-
-    def smoothed(values: Array, order: int = 0) -> Array:
-        derivative = gaussian_filter1d(values, width, order=order, radius=reach)
-        return np.asarray(rate**order * derivative[:, reach:-reach, None])
-
-    angle, velocity, acceleration = (smoothed(ensemble.angle, order) for order in range(3))
-    torque = smoothed(ensemble.torque)[..., 0]
-    times = np.arange(angle.shape[1]) + reach - ensemble.context
-    features = evaluate(FourierSeries(HARMONICS), ensemble.samples)[times % ensemble.samples]
-    columns = np.concatenate([angle * features, velocity * features, acceleration], axis=2)
-    inverse = np.linalg.inv(np.einsum("rta,rtb->ab", columns, columns))
-    found = inverse @ np.einsum("rta,rt->a", columns, torque)
-    scores = np.einsum("rta,rt->ra", columns, torque - columns @ found) @ inverse[-1]
-    error = np.linalg.norm(scores) / abs(found[-1])
-    return found[[0, features.shape[1], -1]], float(error)
+    """Return mean stiffness, viscosity and inertia (3,), and the relative error of the inertia."""
+    width = SMOOTHING_S * ensemble.sampling_rate
+    smoothed = attrs.evolve(
+        ensemble,
+        angle=gaussian_filter1d(ensemble.angle, width),
+        torque=gaussian_filter1d(ensemble.torque, width),
+    )
+    estimates = BasisIRF(basis=FourierSeries(HARMONICS)).fit(smoothed).estimates
+    mean = np.array([mean_of(each.values) for each in estimates.values()])
+    error = estimates["inertia"].standard_error.values  # type: ignore[union-attr]  # birf has one
+    return mean, mean_of(error) / abs(mean[-1])
 
 
 def track(
-    angle: Array, times: NDArray[np.int64], width: float, rate: float, mean: ArrayLike
+    angle: Array, times: NDArray[np.int64], width: float, rate: float, mean: Iterable[float]
 ) -> Array:
-    """Return stiffness and viscosity (time, 2) at consecutive samples of an angle that rings.
+    """Return the impedance (time, 3) at consecutive samples of an angle that rings.
 
     In a window about each time, the fit has a wave with the decay of the ``mean`` impedance (3,),
     its mirror image at the negative frequency, and a constant. The wave's phase and size over time
-    give frequency and decay.
+    give frequency and decay. The inertia is the mean one.
     """
-    stiffness, viscosity, inertia = np.asarray(mean)
+    stiffness, viscosity, inertia = mean
     decay = viscosity / (2 * inertia)
     frequency = math.sqrt(stiffness / inertia - decay**2)
     reach = round(REACH * width * rate)
@@ -191,9 +176,9 @@ def track(
         columns = np.stack([wave, wave.conj(), np.ones_like(wave)])
         weighted = columns.conj() * weights
         amplitude = np.linalg.solve(weighted @ columns.T, weighted @ segments)[0]
-        found = np.gradient(np.unwrap(np.angle(amplitude)), 1 / rate)
-        frequency = float(np.median(found))
-    logarithm = np.log(np.abs(amplitude)) + 0.5 * np.log(np.maximum(found, LOWEST))
+        frequencies = np.gradient(np.unwrap(np.angle(amplitude)), 1 / rate)
+        frequency = float(np.median(frequencies))
+    logarithm = np.log(np.abs(amplitude**2 * frequencies)) / 2
     fade = -np.gradient(logarithm, 1 / rate)  # s of the class's equation
-    squares = found**2 + fade**2 + np.gradient(fade, 1 / rate)
-    return np.asarray(inertia * np.stack([squares, 2 * fade], axis=1))
+    squares = frequencies**2 + fade**2 + np.gradient(fade, 1 / rate)
+    return np.asarray(inertia * np.stack([squares, 2 * fade, np.ones_like(fade)], axis=1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import attrs
@@ -10,8 +11,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy.fft import rfft
-from scipy.linalg import block_diag
-from scipy.special import chdtrc, gammaincc
+from scipy.linalg import block_diag, inv
+from scipy.special import chdtrc
 
 from tvsysid.methods import base, shared
 from tvsysid.models import Diagnostics, Model
@@ -22,7 +23,7 @@ MAX_LINES = 20
 MIN_SHARE = 0.99  # of the angle's power in its lines
 MIN_HEIGHT = 0.01  # of a line, relative to the highest
 MIN_BINS = 8  # of the spectrum between lines, beyond the side lobes of the window
-ROUNDS = 5  # of the refinement of a line's frequency
+ROUNDS = 5  # in which a line's frequency is refined, and the noise's density
 FITTED_P, WARNED_P = 0.05, 1e-4  # p-values below which skirts are fitted, and warned of
 NOISELESS = 1e-5  # relative variance below which the residual is rounding and filters
 ON_GRID = 0.02  # of 1/period: frequencies this close to its multiples count as such
@@ -37,9 +38,10 @@ class SkirtDecomposition(base.Method):
               G_k(t) = \sum_{h=-H}^{H} g_{kh}\, e^{2\pi j h t / p}
               = k(t) + j\omega_k\, b(t) - I\,\omega_k^2
 
-    The g of all lines are fitted together by least squares, and stiffness, viscosity and inertia to
-    them, weighted by their covariance. The lines are looked for in the angle, and what a line U is
-    comes from the angle itself, so that filters that angle and torque pass alike do not matter.
+    Stiffness and viscosity, as sums of harmonics, and a constant inertia are fitted to the torque
+    of all lines by least squares, weighted by the noise near each line. The lines are looked for in
+    the angle, and what a line U is comes from the angle itself, so that filters that angle and
+    torque pass alike do not matter.
 
     Notes
     -----
@@ -87,37 +89,35 @@ class SkirtDecomposition(base.Method):
 
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
-        lines = Lines.of(ensemble)
+        lines, shown = Lines.of(ensemble), [0]
         # Distance of lines, in harmonics of the period
         room = float(np.diff(np.sort(lines.frequencies)).min()) * ensemble.duration - ON_GRID
-        shown = [0]
         while shown:
             harmonics = max(shown)
-            skirts = Skirts.of(ensemble, lines, harmonics)
+            fit = SkirtFit.of(ensemble, lines, harmonics)
             # Skirts that do not meet those that are fitted
             tested = range(harmonics + 1, math.ceil(room) - harmonics)
-            p_values = {each: skirts.p_value(each, lines.waves, ensemble) for each in tested}
+            p_values = {each: fit.p_value(lines, [each, -each]) for each in tested}
             shown = [each for each, p in p_values.items() if 2 * each < room and p < FITTED_P]
-        mean, covariance, agreement = second_order(skirts, lines.frequencies)
         left = [f"skirts of harmonic {each}" for each, p in p_values.items() if p < WARNED_P]
+        agreement = fit.p_value(lines, range(-harmonics, harmonics + 1), len(fit.mean))
         left += ["lines that do not agree with each other"] * (agreement < WARNED_P)
-        is_noisy = np.var(skirts.residual) > NOISELESS * np.var(ensemble.torque[:, ensemble.core])
+        is_noisy = np.var(fit.residual) > NOISELESS * np.var(ensemble.torque[:, ensemble.core])
         warned = (
             f"the torque has {', '.join(left)}, where the impedance that is fitted changes by "
             f"{harmonics} harmonics, which no band counts: it changes faster, or is not of second "
             "order; use kbr"
         )
-        samples = ensemble.samples
-        expansions = block_diag(skirts.features, skirts.features, np.ones((samples, 1)))
-        expansions = expansions.reshape(3, samples, -1)
-        errors = shared.posterior_errors(expansions, covariance, skirts.freedom, samples)
+        features, samples = fit.features, ensemble.samples
+        expansions = block_diag(features, features, np.ones((samples, 1))).reshape(3, samples, -1)
+        errors = shared.posterior_errors(expansions, fit.covariance, fit.freedom, samples)
         return Model(
             method=repr(self),
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates((expansions @ mean).T, errors),
+            estimates=shared.impedance_estimates((expansions @ fit.mean).T, errors),
             diagnostics=Diagnostics(
-                float(len(mean)),
+                float(len(fit.mean)),
                 warnings=(warned,) if is_noisy and left else (),
                 details={"lines": float(len(lines.frequencies)), "harmonics": float(harmonics)},
             ),
@@ -154,14 +154,25 @@ class Lines(NamedTuple):
         real, imaginary = weights[:-1].reshape(2, -1)
         return cls(lines, waves * (real - 1j * imaginary)[:, None, None], float(share))
 
+    def columns(self, features: Array, weights: Array) -> Array:
+        """Return the columns of stiffness, viscosity and inertia, shape (column, sample).
 
-class Skirts(NamedTuple):
-    """Responses g to all lines, fitted to the torque.
+        They are angle, velocity and acceleration, as sums over lines with these ``weights``
+        (line,). Angle and velocity are multiplied by each function of time (time, function).
+        """
+        factors = weights * (2j * np.pi * self.frequencies) ** np.arange(3)[:, None]
+        angle, velocity, acceleration = np.tensordot(factors, self.waves, 1).real
+        changing = [each * function for each in (angle, velocity) for function in features.T]
+        return np.stack([*changing, acceleration]).reshape(-1, angle.size)
 
-    ``features`` (time, function) are the functions of time. The coefficients ``mean`` (line, real
-    or imaginary, function) are in a row, beside their covariance and its degrees of freedom. The
-    ``residual`` has shape (realization, time). Its ``density`` (line,) about each line is 1 for
-    white noise of unit variance.
+
+class SkirtFit(NamedTuple):
+    """Second-order response to all lines that is fitted to the torque.
+
+    ``features`` (time, function) are the functions of time. ``mean`` (coefficient,) are the
+    coefficients of stiffness and viscosity for each function, and the inertia, with their
+    ``covariance`` and its degrees of freedom. The ``residual`` has shape (realization, time). Its
+    ``density`` (line,) about each line is 1 for white noise of unit variance.
     """
 
     features: Array
@@ -172,56 +183,37 @@ class Skirts(NamedTuple):
     residual: Array
 
     @classmethod
-    def of(cls, ensemble: Ensemble, lines: Lines, harmonics: int) -> Skirts:
-        """Fit responses that change by some harmonics of the period."""
+    def of(cls, ensemble: Ensemble, lines: Lines, harmonics: int) -> SkirtFit:
+        """Fit an impedance that changes by some harmonics of the period."""
         features = evaluate(FourierSeries(harmonics), ensemble.samples)
         torque = ensemble.torque[:, ensemble.core]
-        torque = (torque - torque.mean()).ravel()
-        parts = np.stack([lines.waves.real, -lines.waves.imag], axis=1)
-        columns = (parts[:, :, None] * features.T[:, None]).reshape(-1, torque.size)
-        gram = columns @ columns.T
-        inverse = np.linalg.inv(gram)
-        mean = inverse @ (columns @ torque)
-        residual = (torque - mean @ columns).reshape(len(ensemble), -1)
-        power = np.mean(np.abs(rfft(residual, axis=1)) ** 2, axis=0) / ensemble.samples
+        torque = torque - torque.mean()
         spectrum = np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
         away = np.abs(np.subtract.outer(lines.frequencies, spectrum))
         near = away <= max(NEAR_HZ, 1.5 / ensemble.duration)
-        independent = shared.independent_realizations(ensemble)
-        freedom = np.maximum(1.0, 2 * (near.sum(axis=1) * independent - features.shape[1]))
-        density = 2 * len(ensemble) * (near @ power) / freedom
-        scale = np.repeat(np.sqrt(density), 2 * features.shape[1])
-        covariance = inverse @ (gram * np.outer(scale, scale)) @ inverse
-        return cls(features, mean, covariance, density, float(freedom.min()), residual)
+        counts = shared.independent_realizations(ensemble) * near.sum(axis=1)
+        density = np.ones(len(near))  # as if noise were white, the first time
+        columns = lines.columns(features, density)
+        for _ in range(ROUNDS):
+            weighted = lines.columns(features, 1 / density)
+            covariance = inv(weighted @ columns.T)
+            mean = covariance @ (weighted @ torque.ravel())
+            residual = torque - (mean @ columns).reshape(torque.shape)
+            power = np.mean(np.abs(rfft(residual, axis=1)) ** 2, axis=0) / ensemble.samples
+            density = len(ensemble) * (near @ power) / counts
+        return cls(features, mean, covariance, density, 2.0 * counts.min(), residual)
 
-    def p_value(self, harmonic: int, waves: NDArray[np.complex128], ensemble: Ensemble) -> float:
-        """Return the probability that noise alone leaves such skirts of a harmonic."""
-        turns = 2j * np.pi * harmonic * ensemble.time / ensemble.duration
-        turning = np.exp([turns, -turns])
-        found = np.einsum("krt,st,rt->sk", waves.conj(), turning, self.residual)
-        strength = self.density * np.sum(np.abs(waves) ** 2, axis=(1, 2))
-        return float(gammaincc(found.size, np.sum(np.abs(found) ** 2 / strength)))
+    def p_value(self, lines: Lines, harmonics: Iterable[int], unknowns: int = 0) -> float:
+        """Return the probability that noise alone leaves such skirts of some harmonics.
 
-
-def second_order(skirts: Skirts, lines: Array) -> tuple[Array, Array, float]:
-    """Fit functions of stiffness and viscosity, and the inertia, to the responses of all lines.
-
-    Return their coefficients, the covariance, and the probability that noise alone makes the lines
-    differ as much from the fit.
-    """
-    count, speeds = skirts.features.shape[1], 2 * np.pi * lines[:, None]
-    design = np.zeros((len(lines), 2, count, 2 * count + 1))  # real and imaginary part of a line
-    places = np.arange(count)
-    design[:, 0, places, places] = 1.0
-    design[:, 1, places, count + places] = speeds
-    design[:, 0, :1, -1] = -(speeds**2)
-    columns = design.reshape(-1, 2 * count + 1)
-    weighted = np.linalg.solve(skirts.covariance, columns)
-    covariance = np.linalg.inv(columns.T @ weighted)
-    mean = covariance @ (weighted.T @ skirts.mean)
-    rest = skirts.mean - columns @ mean
-    misfit = float(rest @ np.linalg.solve(skirts.covariance, rest))
-    return mean, covariance, float(chdtrc(len(rest) - len(mean), misfit))
+        ``unknowns`` is the number of coefficients that were fitted to them.
+        """
+        cycles = np.arange(self.residual.shape[1]) / self.residual.shape[1]
+        turning = np.exp(2j * np.pi * np.outer([*harmonics], cycles))
+        found = np.einsum("krt,ht,rt->hk", lines.waves.conj(), turning, self.residual)
+        strength = self.density * np.sum(np.abs(lines.waves) ** 2, axis=(1, 2))
+        misfit = 2 * np.sum(np.abs(found) ** 2 / strength)
+        return float(chdtrc(2 * found.size - unknowns, misfit))
 
 
 def find_lines(angle: Array, rate: float) -> Array:

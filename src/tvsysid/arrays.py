@@ -53,7 +53,8 @@ def check_finite(name: str, array: NDArray[Any], axes: tuple[str, ...]) -> None:
             f"{name}: expected samples over {' and '.join(axes)}, got an array of shape "
             f"{array.shape}"
         )
-    if len(places := np.argwhere(~np.isfinite(array))):
+    if not (is_finite := np.isfinite(array)).all():
+        places = np.argwhere(~is_finite)
         first = ", ".join(map("{} {}".format, axes, places[0]))
         raise InputError(
             f"{name}: {len(places)} of {array.size} values are NaN or infinite, the first at "

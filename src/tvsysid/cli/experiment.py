@@ -119,7 +119,7 @@ def experiment(
     if dry_run:
         return show_plan(study, workers, f"{study.bootstraps} draws, seed {study.seed}", prepared)
     results = run_study(study, out, workers, prepared=prepared)
-    return write(results, prepared, out, command_line())
+    return write(results, prepared, out, command_line(), workers.workers)
 
 
 def write(
@@ -127,10 +127,11 @@ def write(
     prepared: Sequence[Prepared],
     out: Path,
     command: str,
+    workers: int | None = None,
 ) -> int:
     """Write tables, ensembles, figures and report, print a summary, and return the exit code."""
     from tvsysid.studies.van_de_ruit_2021 import write_experiment
 
     with errors.status("scoring and drawing"):
-        written = write_experiment(results, prepared, out, command)
+        written = write_experiment(results, prepared, out, command, workers)
     return show_study(written, results, out, "perturbation", "what the report says")

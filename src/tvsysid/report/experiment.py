@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +28,7 @@ from tvsysid.quality import Diagnosis
 from tvsysid.report.page import in_text, render
 from tvsysid.report.studies import best_methods, common, metric_columns, settings_of
 from tvsysid.study import Prepared
+from tvsysid.study.workers import in_processes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,31 +103,46 @@ def metrics(summary: pd.DataFrame, *each: str) -> pd.DataFrame:
     return table
 
 
+@contextmanager
 def stiffness_to_report(
-    prepared: Sequence[Prepared], results: xr.Dataset
-) -> tuple[pd.DataFrame, dict[str, Diagnosis]]:
-    """Return the answer for each recording, as :func:`tvsysid.compare` gives it, and its faults.
+    prepared: Sequence[Prepared], results: xr.Dataset, workers: int | None = None
+) -> Iterator[Callable[[], tuple[pd.DataFrame, dict[str, Diagnosis]]]]:
+    """Begin to find the answer for each recording, as :func:`tvsysid.compare` gives it.
 
-    Methods with a reference channel take the place of the usual ones, if the experiment has any.
+    Worker processes work while the caller draws. Methods with a reference channel take the place
+    of the usual ones, if the experiment has any.
+
+    Yields
+    ------
+    Function that waits for the answers and returns their table, and the recordings' diagnoses.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
     methods = [each for each in dict.fromkeys(results.method_key.values) if "reference=" in each]
-    rows, diagnoses = [], {}
-    for item in prepared:
-        label, stiffness, method, why = item.recorded.label, "none", "", item.failure
-        if item.ensemble:
-            with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
-                found = compare(item.ensemble, methods)
-            answer, diagnosis = found.answer, found.recommendation.diagnosis
-            method, why = answer.label, " ".join(answer.reasons)
-            if answer.is_stated:
-                stiffness = in_text(mean_of(answer.stiffness), answer.half_band, 1)
-            if isinstance(diagnosis, Diagnosis):
-                diagnoses[label] = diagnosis
-        rows.append((label, stiffness, method, why))
-    columns = ["recording", "stiffness (N·m/rad)", "method", "reasons"]
-    return pd.DataFrame(rows, columns=columns), diagnoses
+    with in_processes(partial(_answer_for, methods=methods), prepared, workers) as found:
+
+        def answers() -> tuple[pd.DataFrame, dict[str, Diagnosis]]:
+            rows, diagnoses = zip(*found, strict=True)
+            labels = [row[0] for row in rows]
+            columns = ["recording", "stiffness (N·m/rad)", "method", "reasons"]
+            known = {label: each for label, each in zip(labels, diagnoses, strict=True) if each}
+            return pd.DataFrame(rows, columns=columns), known
+
+        yield answers
+
+
+def _answer_for(
+    item: Prepared, methods: Sequence[str]
+) -> tuple[tuple[str, str, str, str], Diagnosis | None]:
+    """Return label, stiffness, method and reasons for a recording, and its diagnosis if any."""
+    if not item.ensemble:
+        return (item.recorded.label, "none", "", item.failure), None
+    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+        found = compare(item.ensemble, methods)
+    answer, diagnosis = found.answer, found.recommendation.diagnosis
+    stated = in_text(mean_of(answer.stiffness), answer.half_band, 1) if answer.is_stated else "none"
+    own = diagnosis if isinstance(diagnosis, Diagnosis) else None
+    return (item.recorded.label, stated, answer.label, " ".join(answer.reasons)), own
 
 
 def experiment_figures(

@@ -14,7 +14,6 @@ from tvsysid.figures import (
     METRICS,
     METRICS_OF_PATHWAYS,
     Illustration,
-    Picture,
     draw_all,
     error_against,
     method_comparison,
@@ -139,7 +138,9 @@ class PublishedStudy:
         scores = score(results)
         summary, claims = summarize(scores), self.judge(scores)
         tables = {"summary.csv": summary, "claims.csv": claims}
-        pictures = write_outcome(folder, tables, self.figures(results, summary))
+        for name, table in tables.items():
+            write_table(folder / name, table)
+        pictures = draw_all(self.figures(results, summary), folder / "figures")
         page = folder / "report.html"
         write_report(page, results, summary, claims, pictures, command, self.says)
         return Written(summary, claims, ("report.html", *tables, "figures/"))
@@ -156,12 +157,3 @@ def comparison(results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str]
         title=f"Methods compared: {described(scenario_traits(results).loc[shown].to_dict())}",
         text=COMPARISON.format(shown),
     )
-
-
-def write_outcome(
-    folder: Path, tables: Mapping[str, pd.DataFrame], figures: Mapping[str, Illustration]
-) -> dict[str, Picture]:
-    """Write tables and figures, by name; return the pictures."""
-    for name, table in tables.items():
-        write_table(folder / name, table)
-    return draw_all(figures, folder / "figures")

@@ -6,17 +6,23 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import TypeVar
 
 import cloudpickle
 
 from tvsysid.errors import InputError, one_line
+from tvsysid.numerics.threads import single_thread
 from tvsysid.study.measure import Scores
 from tvsysid.study.tasks import Task, run_pickled, run_task
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 UNKNOWN_WORKERS = 32  # assumed of an executor
 
@@ -53,6 +59,24 @@ def run_tasks(
             yield from _by_executor(tasks, pool, count)
     else:
         yield from ((file, run_task(task)) for file, task in tasks.items())
+
+
+@contextmanager
+def in_processes(
+    function: Callable[[T], R], items: Sequence[T], workers: int | None = None
+) -> Iterator[Iterator[R]]:
+    """Begin to call a function of each item in local processes, one thread of BLAS each."""
+    call = partial(_on_one_thread, function)
+    if (count := min(workers or cores(), len(items))) > 1:
+        with _processes(count) as pool:
+            yield pool.map(call, items)
+    else:
+        yield map(call, items)
+
+
+def _on_one_thread(function: Callable[[T], R], item: T) -> R:
+    with single_thread():
+        return function(item)
 
 
 def _by_executor(

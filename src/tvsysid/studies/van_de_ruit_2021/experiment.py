@@ -16,10 +16,11 @@ import numpy as np
 from scipy.stats import sem
 from scipy.stats import t as student
 
+from tvsysid.figures.saving import draw_all
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.numerics import Array
 from tvsysid.quality import Diagnosis
-from tvsysid.recordings import write_ensemble
+from tvsysid.recordings import write_ensemble, write_table
 from tvsysid.report import write_diagnosis, write_experiment_report
 from tvsysid.report.experiment import experiment_figures, stiffness_to_report
 from tvsysid.studies.claims import (
@@ -33,7 +34,7 @@ from tvsysid.studies.claims import (
     ranked,
     ratio,
 )
-from tvsysid.studies.published_study import Written, write_outcome
+from tvsysid.studies.published_study import Written
 from tvsysid.study import Prepared, exclusions, score, stiffness_over_time, summarize
 from tvsysid.study.bootstraps import STEPS
 from tvsysid.study.experiment import PREPARATION
@@ -223,6 +224,7 @@ def write_experiment(
     prepared: Sequence[Prepared],
     folder: Path,
     command: str = "",
+    workers: int | None = None,
 ) -> Written:
     """Write tables, ensembles, figures and pages of an experiment.
 
@@ -233,6 +235,8 @@ def write_experiment(
     prepared
         The recordings; none, if they are gone: then ``answers.csv``, ``exclusions.csv`` and
         ``prepared/`` stay as they are.
+    workers
+        Processes that find the stiffness to report of each recording.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -243,8 +247,12 @@ def write_experiment(
         tables["claims.csv"] = claims
     files = ["report.html", "figures/"]
     diagnoses: dict[str, Diagnosis] = {}
+    with stiffness_to_report(prepared, results, workers) as answers_found:
+        figures = experiment_figures(results, summary, prepared)
+        pictures = draw_all(figures, folder / "figures")
+        if prepared:
+            tables["answers.csv"], diagnoses = answers_found()
     if prepared:
-        tables["answers.csv"], diagnoses = stiffness_to_report(prepared, results)
         tables["exclusions.csv"] = exclusions(prepared)
         for each in prepared:
             if each.ensemble:
@@ -254,7 +262,8 @@ def write_experiment(
         files += ["prepared/", "diagnosis.html"]
     elif (file := folder / "answers.csv").exists():
         tables["answers.csv"] = pd.read_csv(file, keep_default_na=False)
-    pictures = write_outcome(folder, tables, experiment_figures(results, summary, prepared))
+    for name, table in tables.items():
+        write_table(folder / name, table)
     answers = tables.get("answers.csv")
     page = folder / "report.html"
     write_experiment_report(page, results, summary, claims, pictures, command, answers)

@@ -59,7 +59,7 @@ def identified_impedance(
         draw_quantity(grid[name], name, models)
     if np.isfinite(spread).any():
         first, axes = next(iter(models.values())), grid["stiffness"]
-        limits = first.stiffness + np.outer([-1, 1], spread)
+        limits = first.stiffness + np.outer([-1, 1], np.asarray(spread))
         shade: Any = {"color": style.INK, "alpha": 0.12, "linewidth": 0, "zorder": 1}
         axes.fill_between(first.time, *limits, label="methods differ", **shade)
         ends = *axes.get_ylim(), *np.nanpercentile(limits, [2, 98])

@@ -53,8 +53,8 @@ def _draw_means(beside: Axes, visits: Sequence[Visit]) -> None:
             ends = np.nanmin(visit.stiffness), np.nanmax(visit.stiffness)
             beside.plot([place, place], ends, ":_", color=style.INK)
             mean, half = mean_of(visit.stiffness), mean_of(visit.upper - visit.lower) / 2
-            look = {"fmt": "o", "color": style.PALETTE[place], "capsize": 4}
-            beside.errorbar(place, mean, np.nan_to_num(half), **look)
+            color = style.PALETTE[place]
+            beside.errorbar(place, mean, np.nan_to_num(half), fmt="o", color=color, capsize=4)
     beside.set_xticks(range(len(visits)), [*map(str, range(1, len(visits) + 1))])
     beside.margins(x=0.2)
     beside.set(xlabel="visit", title="mean over time; lowest and highest")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.ndimage import convolve1d
 from scipy.special import stdtrit
 
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
@@ -86,7 +86,8 @@ def whitener(signal: Array, order: int) -> Array:
 
 def filtered(signal: Array, taps: Array) -> Array:
     """Return a signal (..., time) through a causal filter, where all its samples are known."""
-    return np.asarray(lfilter(taps, 1.0, signal)[..., len(taps) - 1 :])
+    known = convolve1d(signal, taps, axis=-1, origin=-(len(taps) // 2))
+    return np.asarray(known[..., len(taps) - 1 :])
 
 
 def over_usual(values: Array, quantile: float) -> Array:

@@ -50,12 +50,15 @@ class StandardError:
         :func:`tvsysid.numerics.bands.simultaneous_value`).
     absent
         Reason why the standard error is unknown at all times. Empty if it is known.
+    minimum
+        Smallest value that the quantity can have. The band does not go below.
     """
 
     values: Array = attrs.field(converter=to_array)
     _freedom: Array = attrs.field(converter=to_array)
     arc: float = np.inf
     absent: str = ""
+    minimum: float = -np.inf
 
     @property
     def freedom(self) -> Array:
@@ -68,7 +71,7 @@ class StandardError:
         """Return the lower and upper limit of the band around the estimates ``values``."""
         known, width = np.isfinite(self.values), np.full(self.values.shape, np.nan)
         width[known] = self.multiple(level, simultaneous) * self.values[known]
-        return values - width, values + width
+        return np.maximum(values - width, self.minimum), values + width
 
     def multiple(self, level: float, simultaneous: bool) -> Array:
         """Return the half width of a band in standard errors, where the standard error is known."""

@@ -10,14 +10,11 @@ import numpy as np
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.base import fitting_lags, missing_edge, padded, whole_samples
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import (
-    TwoPathwayModel,
-    of_unit_slope,
-    velocity_limits,
-    velocity_terms,
-)
+from tvsysid.methods.cascade.pathways import TwoPathwayModel, rectified_velocities, velocity_of
 from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
 from tvsysid.models import Diagnostics, Estimate, StandardError
+from tvsysid.numerics.bases import chebyshev_of
+from tvsysid.numerics.decimation import keep_every
 from tvsysid.numerics.noise import coloured_moments
 from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.numerics.subspace import ROUNDING, Piece, Rows, dynamics, hammerstein, project, rows_of
@@ -29,6 +26,23 @@ MEMORY_S = 0.6  # maximum duration of a reflex response
 FORGOTTEN = 0.01  # share of a reflex response's area that is cut off its end
 NO_BAND = "numerator and nonlinearity take turns; a bootstrap gives their spread"
 MAX_COLOUR_S = 0.6  # lag up to which the noise's autocorrelation counts
+
+
+@attrs.frozen
+class VelocityPolynomial:
+    """Polynomial of the total angle's velocity, which is 0 where the velocity is.
+
+    ``coefficients`` are those of Chebyshev polynomials from degree 1 on. ``limits`` in rad/s are
+    mapped to -1 and 1; beyond them the polynomial keeps its value.
+    """
+
+    coefficients: tuple[float, ...]
+    limits: tuple[float, float]
+
+    def __call__(self, ensemble: Ensemble) -> Array:
+        """Return the polynomial at the recorded rate, decimated as the torque was."""
+        terms = velocity_terms(ensemble, self.limits, len(self.coefficients))
+        return np.tensordot(self.coefficients, terms, 1)
 
 
 @attrs.frozen
@@ -215,3 +229,35 @@ def second_order(
     beyond = float(cross @ response) - fitted
     agrees = agreement(fitted, beyond, float(chance) * (1 - 3 / len(response)))
     return readout @ cross, np.sqrt(np.maximum(variances, 0.0)), agrees
+
+
+def velocity_limits(ensemble: Ensemble) -> tuple[float, float]:
+    """Return the lowest and the highest velocity."""
+    velocity, _ = velocity_of(ensemble)
+    return float(velocity.min()), float(velocity.max())
+
+
+def velocity_terms(ensemble: Ensemble, limits: tuple[float, float], degree: int) -> Array:
+    """Return Chebyshev polynomials (degree, realization, time) of the velocity, decimated.
+
+    They have degrees from 1 on, less their values at rest.
+    """
+    velocity, ratio = velocity_of(ensemble)
+    moving, at_rest = (
+        chebyshev_of(each, limits, degree + 1)[..., 1:] for each in (velocity, np.zeros(1))
+    )
+    return np.stack([keep_every(each, ratio) for each in np.moveaxis(moving - at_rest, -1, 0)])
+
+
+def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float]:
+    """Return a polynomial of these weights divided by its slope for stretch, and the slope.
+
+    The slopes are those of a least-squares fit with an offset and a slope for either direction, as
+    a polynomial rounds the corner of a rectifier. Stretch is the direction of the steeper one.
+    """
+    limits = velocity_limits(ensemble)
+    target = VelocityPolynomial(tuple(weights), limits)(ensemble).ravel()
+    columns = rectified_velocities(ensemble).reshape(2, -1).T
+    slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
+    slope = float(max(slopes, key=abs))
+    return VelocityPolynomial(tuple((weights / slope).tolist()), limits), slope

@@ -24,7 +24,6 @@ MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a se
 ROUNDING = 1e-9  # share of the mean stiffness
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
-CUT_SHARE = 3e-3  # share of a muscle's response that is cut off
 MAX_REFLEX_LAG_S = 0.45  # if the context is not longer
 
 
@@ -187,17 +186,6 @@ class JointCascadeModel(TwoPathwayModel):
         return found | {"intrinsic": found["intrinsic"] + further}
 
 
-class NotNegativeError(StandardError):
-    """Standard error of an estimate that is not negative. Its band is not either."""
-
-    def limits(
-        self, values: Array, level: float, simultaneous: bool = False
-    ) -> tuple[Array, Array]:
-        """See :meth:`tvsysid.Estimate.band`."""
-        lower, upper = super().limits(values, level, simultaneous)
-        return np.maximum(lower, 0.0), upper
-
-
 def model_of(method: str, selection: Selection) -> JointCascadeModel:
     """Return the model with the selected reflex if it is shown, else without one.
 
@@ -234,7 +222,7 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         drive=drive,
         fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters(
-            direction, data.varies, data.noise, fit.shape, fit.parameters, fit.positive
+            direction, data.varies, data.noise, fit.shape, fit.parameters
         ),
         diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
     )
@@ -251,13 +239,14 @@ def _estimate(fit: Fit, unit: str, features: Array, limited: bool, start: int = 
     known[fit.data.times] = 1.0
     values, covariance = features @ fit.posterior.mean[columns], fit.covariance[columns, columns]
     variance = np.einsum("tj,tj->t", features @ covariance, features)
-    error = (NotNegativeError if limited else StandardError)(
+    minimum = 0.0 if limited else -np.inf
+    error = StandardError(
         np.sqrt(np.maximum(variance, 0.0)) * known,
-        np.array(fit.freedom),
+        fit.freedom,
         arc_length(features, covariance),
+        minimum=minimum,
     )
-    values = np.maximum(values, 0.0) if limited else values
-    return Estimate(values * known, unit, error=error)
+    return Estimate(np.maximum(values, minimum) * known, unit, error=error)
 
 
 def _reflex_response(selection: Selection) -> tuple[Array, Array]:
@@ -266,16 +255,13 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     The weights are zero if no reflex is detected.
     """
     ensemble, fit, data = selection.search.ensemble, selection.fit, selection.fit.data
-    delay, max_lag = fit.shape[DELAY], max(round(MAX_REFLEX_LAG_S * data.rate), ensemble.context)
-    weights = muscle(fit.shape, 4 * max_lag, data.rate)
-    lasts = np.flatnonzero(np.abs(np.cumsum(weights[::-1])[::-1]) > CUT_SHARE)[-1]
-    known = slice(math.floor(delay * data.rate + 1e-9), 1 + min(int(lasts), max_lag))
-    weights, lags = weights[known], np.arange(known.start, known.stop) / data.rate
-    if not selection.shown:
-        return np.zeros((ensemble.samples, 1)), lags[:1]
-    arrivals = ensemble.time[:, None] - lags + delay
+    delay, last = fit.shape[DELAY], max(round(MAX_REFLEX_LAG_S * data.rate), ensemble.context)
+    lags = np.arange(math.floor(delay * data.rate + 1e-9), last + 1)
+    weights = muscle(fit.shape, last + 1, data.rate)[lags]
+    arrivals = ensemble.time[:, None] - lags / data.rate + delay
     gain = data.gain(arrivals.ravel() / data.period) @ fit.posterior.mean[data.own :]
-    return gain.reshape(arrivals.shape) * weights / weights.sum(), lags
+    response = gain.reshape(arrivals.shape) * weights / weights.sum()
+    return response * selection.shown, lags / data.rate
 
 
 def _details(selection: Selection) -> dict[str, float]:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import convolution_matrix, toeplitz
 from scipy.ndimage import correlate1d
+from scipy.signal import fftconvolve
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import missing_edge
@@ -137,10 +137,9 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
 
 
 def convolved(values: Array, response: Array) -> Array:
-    """Convolve values (…, time) with a response (time,) from lag 0 on."""
-    times = values.shape[-1]
-    size = next_fast_len(times + len(response), real=True)
-    return np.asarray(irfft(rfft(values, size) * rfft(response, size), size)[..., :times])
+    """Convolve values (column, realization, time) with a response (time,) from lag 0 on."""
+    whole = fftconvolve(values, response[None, None], axes=-1)
+    return np.asarray(whole[..., : values.shape[-1]])
 
 
 class Explicit(NamedTuple):
@@ -181,12 +180,6 @@ def product(one: Columns, other: Columns, rows: slice) -> Array:
         weights = other.weighted if one.muscle is None else one.muscle.T @ other.weighted
         sums = one.functions.T @ (one.signal[rows].T @ other.signal[rows] * weights)
     return np.asarray(sums @ other.functions)
-
-
-def extended(products: Array, columns: Sequence[Columns], further: Columns, rows: slice) -> Array:
-    """Return the products of columns and further ones. Those of the first are given."""
-    cross = np.concatenate([product(each, further, rows) for each in columns])
-    return np.block([[products, cross], [cross.T, product(further, further, rows)]])
 
 
 @attrs.frozen(eq=False)
@@ -249,10 +242,8 @@ class Data:
 
     @property
     def folds(self) -> list[slice]:
-        """Return the realizations of each fold, if there are several, and last all of them."""
-        count = len(self.torque)
-        starts = range(min(FOLDS, count) * (count > 1))
-        return [*(slice(start, None, FOLDS) for start in starts), slice(None)]
+        """Return the realizations of each fold."""
+        return [slice(start, None, FOLDS) for start in range(min(FOLDS, len(self.torque)))]
 
     @property
     def number(self) -> float:
@@ -324,18 +315,20 @@ class Data:
         return [self.explicit(self.torque[None]), *changing, self.explicit(self.signals[2:])]
 
     @cached_property
-    def products(self) -> Callable[[int], Array]:
-        """Return the function that gives the products of torque and intrinsic columns in a fold."""
-
-        @cache
-        def products(fold: int) -> Array:
-            columns, rows = self.columns, self.folds[fold]
-            found = product(columns[0], columns[0], rows)
-            for number in range(1, len(columns)):
-                found = extended(found, columns[:number], columns[number], rows)
-            return found
-
+    def products(self) -> Array:
+        """Return the products (fold, column, column) of torque and intrinsic columns."""
+        products = np.zeros((len(self.folds), 0, 0))
+        for number, columns in enumerate(self.columns):
+            products = self.extended(products, self.columns[:number], columns)
         return products
+
+    def extended(self, products: Array, columns: Sequence[Columns], further: Columns) -> Array:
+        """Return products (fold, column, column) of columns, which are given, and further ones."""
+        grown = []
+        for rows, known in zip(self.folds, products, strict=True):
+            new = np.concatenate([product(each, further, rows) for each in (*columns, further)])
+            grown.append(np.vstack([np.hstack([known, new[: len(known)]]), new.T]))
+        return np.stack(grown)
 
     def features(self, weights: Array) -> Array:
         """Return the weights (time, column) that sum the signals' weighted coefficients."""

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.columns import Columns, Data, convolved, deviations, extended, muscle
+from tvsysid.methods.cascade.columns import Columns, Data, convolved, deviations, muscle
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
@@ -119,20 +119,15 @@ class Fit:
             return self.data.explicit(self.columns)
         return self.data.modulated(*self._parts)
 
-    def _products(self, fold: int) -> Array:
-        """Return the products (column, column) of torque and columns in one of the folds."""
-        data = self.data
-        return extended(data.products(fold), data.columns, self._reflex, data.folds[fold])
-
     @cached_property
     def products(self) -> Array:
-        """Return the products (column, column) of torque and columns."""
-        return self._products(-1)
+        """Return the products (fold, column, column) of torque and columns."""
+        return self.data.extended(self.data.products, self.data.columns, self._reflex)
 
     @cached_property
     def moments(self) -> Moments:
         """Return the moments of all columns."""
-        return moments_of(self.products, self.data.number)
+        return moments_of(self.products.sum(axis=0), self.data.number)
 
     @property
     def prior(self) -> Prior:
@@ -154,8 +149,7 @@ class Fit:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
         shape = (self.shape[self.free] - MEAN[self.free]) / SPREAD[self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
-        square = self.moments.square
-        return log_evidence(self.posterior, square) - 0.5 * float(squares)
+        return self.posterior.log_evidence - 0.5 * float(squares)
 
     @property
     def residual(self) -> Array:
@@ -169,11 +163,11 @@ class Fit:
         NaN if there is a single fold.
         """
         data, left = self.data, np.full_like(self.data.torque, np.nan)
-        for fold, rows in enumerate(data.folds[:-1]):
-            number = len(left[rows]) / len(left) * data.number
-            own = moments_of(self._products(fold), number)
-            mean = ridge(self.moments.without(own), self.spread, self.positive).mean
-            left[rows] = self.left(mean)[rows]
+        if len(data.folds) > 1:
+            for rows, products in zip(data.folds, self.products, strict=True):
+                own = moments_of(products, len(left[rows]) / len(left) * data.number)
+                mean = ridge(self.moments.without(own), self.spread, self.positive).mean
+                left[rows] = self.left(mean)[rows]
         return left
 
     def share(self) -> float:
@@ -198,10 +192,9 @@ class Fit:
 
     def moments_with_slopes(self, slopes: Array) -> Moments:
         """Return the moments of all columns, and of the torque's derivatives by the shape."""
-        data = self.data
-        columns = [*data.columns, self._reflex]
-        products = extended(self.products, columns, data.explicit(slopes), data.folds[-1])
-        return moments_of(products, data.number)
+        data, columns = self.data, [*self.data.columns, self._reflex]
+        products = data.extended(self.products, columns, data.explicit(slopes))
+        return moments_of(products.sum(axis=0), data.number)
 
     @property
     def freedom(self) -> float:
@@ -285,15 +278,6 @@ def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Pos
     return attrs.evolve(found, mean=mean, left=left, noise_variance=noise, precision=precision)
 
 
-def log_evidence(found: Posterior, square: float) -> float:
-    r"""Return the evidence relative to that of a torque that is all noise.
-
-    .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
-              - \tfrac12 \log|S \Phi^T\Phi S + 1|
-    """
-    return -0.5 * (found.number * math.log(found.left / square) + found.log_determinant)
-
-
 def nearest_inside(point: Array, normals: Array) -> Array:
     """Return the nearest point whose products with no column of ``normals`` are negative."""
     if not (point @ normals < 0).any():
@@ -344,7 +328,7 @@ class Prior(NamedTuple):
         def cost(parameters: Array) -> tuple[float, Array]:
             found, off = ridge(moments, self.spread(moments, parameters)), decays_off(parameters)
             slope = 2 * found.by_variances @ self.design - off / DECAY_SPREAD
-            return 0.5 * float(off @ off) - log_evidence(found, moments.square), -slope
+            return 0.5 * float(off @ off) - found.log_evidence, -slope
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Self
 
@@ -13,8 +13,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from tvsysid.dataset_layout import UNITS, Labelled
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.numerics.bands import mean_known
-from tvsysid.numerics.bases import chebyshev_of
-from tvsysid.numerics.decimation import keep_every
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.stretch import recorded_velocity, stretch
 from tvsysid.signals import Array, Ensemble
@@ -53,25 +51,8 @@ class MeasuredChannel:
         return ensemble.signal(self.name)
 
 
-@attrs.frozen
-class VelocityPolynomial:
-    """Polynomial of the total angle's velocity, which is 0 where the velocity is.
-
-    ``coefficients`` are those of Chebyshev polynomials from degree 1 on. ``limits`` in rad/s are
-    mapped to -1 and 1; beyond them the polynomial keeps its value.
-    """
-
-    coefficients: tuple[float, ...]
-    limits: tuple[float, float]
-
-    def __call__(self, ensemble: Ensemble) -> Array:
-        """Return the polynomial at the recorded rate, decimated as the torque was."""
-        terms = velocity_terms(ensemble, self.limits, len(self.coefficients))
-        return np.tensordot(self.coefficients, terms, 1)
-
-
 # A drive returns the signal (realization, context + time + context) that drives a reflex.
-Drive = Stretch | VelocityPolynomial | MeasuredChannel
+Drive = Callable[[Ensemble], Array]
 
 
 def rectified_velocities(ensemble: Ensemble) -> Array:
@@ -90,38 +71,6 @@ def velocity_of(ensemble: Ensemble) -> tuple[Array, int]:
     """
     recorded = ensemble.angle_as_recorded
     return recorded_velocity(recorded, ensemble.sampling_rate), recorded.shape[-1]
-
-
-def velocity_limits(ensemble: Ensemble) -> tuple[float, float]:
-    """Return the lowest and the highest velocity."""
-    velocity, _ = velocity_of(ensemble)
-    return float(velocity.min()), float(velocity.max())
-
-
-def velocity_terms(ensemble: Ensemble, limits: tuple[float, float], degree: int) -> Array:
-    """Return Chebyshev polynomials (degree, realization, time) of the velocity, decimated.
-
-    They have degrees from 1 on, less their values at rest.
-    """
-    velocity, ratio = velocity_of(ensemble)
-    moving, at_rest = (
-        chebyshev_of(each, limits, degree + 1)[..., 1:] for each in (velocity, np.zeros(1))
-    )
-    return np.stack([keep_every(each, ratio) for each in np.moveaxis(moving - at_rest, -1, 0)])
-
-
-def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomial, float]:
-    """Return a polynomial of these weights divided by its slope for stretch, and the slope.
-
-    The slopes are those of a least-squares fit with an offset and a slope for either direction, as
-    a polynomial rounds the corner of a rectifier. Stretch is the direction of the steeper one.
-    """
-    limits = velocity_limits(ensemble)
-    target = VelocityPolynomial(tuple(weights), limits)(ensemble).ravel()
-    columns = rectified_velocities(ensemble).reshape(2, -1).T
-    slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
-    slope = float(max(slopes, key=abs))
-    return VelocityPolynomial(tuple((weights / slope).tolist()), limits), slope
 
 
 def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
@@ -186,11 +135,11 @@ class TwoPathwayModel(ImpulseResponseModel):
 
 def explained_shares(torque: Array, pathways: Mapping[str, Array]) -> dict[str, float]:
     """Return the shares of the torque's square that pathways explain, together and alone, in %."""
-    whole = np.sum(list(pathways.values()), axis=0)
-    known = np.isfinite(whole)
+    parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
+    parts |= {f"vaf_{name}": part for name, part in pathways.items()}
+    known = np.isfinite(parts["vaf"])
     power = np.sum(torque[known] ** 2)
-    left = {"vaf": torque - whole}
-    left |= {f"vaf_{name}": torque - part for name, part in pathways.items()}
     return {
-        name: 100 * (1 - float(np.sum(each[known] ** 2) / power)) for name, each in left.items()
+        name: 100 * (1 - float(np.sum((torque - part)[known] ** 2) / power))
+        for name, part in parts.items()
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -39,6 +39,8 @@ MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is acce
 MIN_CHANGE_EVIDENCE = 1.0
 CACHED_DRIVES = 16  # of the initial thresholds, and of those that are tried
 
+Driven = Callable[[float], Array] | None  # drive of a reflex for a threshold; None without a reflex
+
 
 class Hyperparameters(NamedTuple):
     """Settings that determine a fit with a reflex, except its coefficients."""
@@ -48,7 +50,6 @@ class Hyperparameters(NamedTuple):
     noise: Array
     shape: Array
     parameters: Array
-    positive: Array | None
 
 
 class Selection(NamedTuple):
@@ -68,8 +69,8 @@ class Selection(NamedTuple):
 class Search:
     """Ensemble, and the reflexes that may explain its torque.
 
-    A reflex has a direction of stretch, 1 or -1. It is None without a reflex, and has no meaning if
-    a channel of EMG drives it. The settings are those of ``JointCascade``.
+    A reflex has a direction of stretch, 1 or -1. It has no meaning if a channel of EMG drives it.
+    The settings are those of ``JointCascade``.
     """
 
     ensemble: Ensemble
@@ -91,48 +92,43 @@ class Search:
         """Return the drive of a reflex."""
         return MeasuredChannel(self.emg) if self.emg else Stretch(threshold, direction)
 
-    @cached_property
-    def _past(self) -> Callable[[int, float], Array]:
-        """Return the function that gives a drive with its history, less its mean.
+    def driven(self, direction: int) -> Callable[[float], Array]:
+        """Return the function that gives a drive for a threshold, with its history, less its mean.
 
         The drive has shape (realization, history + time). It is 0 where nothing was recorded.
         """
         samples, times = round(HISTORY_S * self.ensemble.sampling_rate), self.data.times
 
         @lru_cache(CACHED_DRIVES)
-        def past(direction: int, threshold: float) -> Array:
+        def driven(threshold: float) -> Array:
             values = self.drive(direction, threshold)(self.ensemble)
             known = history(self.ensemble, values, samples)[self.data.rows]
             return deviations(known[:, times.start : samples + times.stop])
 
-        return past
-
-    def _driven(self, direction: int | None) -> Callable[[float], Array] | None:
-        """Return the function that gives the drive of a reflex for a threshold."""
-        return None if direction is None else partial(self._past, direction)
+        return driven
 
     def _shape(self, frequency: float = 16.0, threshold: float = 0.0) -> Array:
         """Return the shape of a reflex with a muscle of usual damping."""
         usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
         return np.array([math.log(frequency), math.log(0.8), threshold, self.delay or usual])
 
-    def _started(self, direction: int | None) -> Fit:
+    def _started(self, driven: Driven) -> Fit:
         """Return the best constant fit for some initial shapes, improved."""
         free = [FREQUENCY, DAMPING, THRESHOLD] if self.emg is None else [FREQUENCY, DAMPING]
-        free, drive = free if direction else [], self._driven(direction)
+        free = free if driven else []
         shapes = product(FREQUENCIES, THRESHOLDS if THRESHOLD in free else THRESHOLDS[:1])
         fits = (
-            Fit(self.data.constant, drive, self._shape(*each), free, USUAL_PARAMETERS)
+            Fit(self.data.constant, driven, self._shape(*each), free, USUAL_PARAMETERS)
             for each in shapes
         )
         return max(fits, key=lambda fit: fit.objective).improved()
 
-    def fit(self, direction: int | None) -> Fit:
+    def fit(self, driven: Driven) -> Fit:
         """Return the fit with a reflex. The data choose whether coefficients change over time."""
-        start = self._started(direction)
+        start = self._started(driven)
 
         def solved(data: Data) -> Fit:
-            return Fit(data, start.drive, start.shape, start.free)
+            return Fit(data, driven, start.shape, start.free)
 
         left = solved(self.data).residual
         data = attrs.evolve(self.data, noise=autocorrelation(left))
@@ -154,18 +150,19 @@ class Search:
             with suppress(InputError):  # realizations are too short for it
                 test = reflex_test_of(self.ensemble)
                 direction, shown = test.direction, test.shown
+        driven = self.driven(direction)
         if shown:
-            fit = self._limited(_refined(self.fit(direction)))
+            fit = self._limited(_refined(self.fit(driven)))
             return Selection(self, direction, True, fit, fit)
         none = self.fit(None)
-        usual = Fit(none.data, self._driven(direction), self._shape(), [])
+        usual = Fit(none.data, driven, self._shape(), [])
         return Selection(self, direction, False, self._limited(usual), self._limited(none))
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is detected."""
         data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
-        drive = self._driven(known.direction)
-        fit = Fit(data, drive, known.shape, [], known.parameters, known.positive)
+        driven = self.driven(known.direction)
+        fit = self._limited(Fit(data, driven, known.shape, [], known.parameters))
         return Selection(self, known.direction, True, fit, fit)
 
     def _limited(self, fit: Fit) -> Fit:

@@ -149,7 +149,8 @@ class Fit:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
         shape = (self.shape[self.free] - MEAN[self.free]) / SPREAD[self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
-        return self.posterior.log_evidence - 0.5 * float(squares)
+        square = self.moments.square
+        return log_evidence(self.posterior, square) - 0.5 * float(squares)
 
     @property
     def residual(self) -> Array:
@@ -278,6 +279,15 @@ def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Pos
     return attrs.evolve(found, mean=mean, left=left, noise_variance=noise, precision=precision)
 
 
+def log_evidence(found: Posterior, square: float) -> float:
+    r"""Return the evidence relative to that of a torque that is all noise.
+
+    .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
+              - \tfrac12 \log|S \Phi^T\Phi S + 1|
+    """
+    return -0.5 * (found.number * math.log(found.left / square) + found.log_determinant)
+
+
 def nearest_inside(point: Array, normals: Array) -> Array:
     """Return the nearest point whose products with no column of ``normals`` are negative."""
     if not (point @ normals < 0).any():
@@ -328,7 +338,7 @@ class Prior(NamedTuple):
         def cost(parameters: Array) -> tuple[float, Array]:
             found, off = ridge(moments, self.spread(moments, parameters)), decays_off(parameters)
             slope = 2 * found.by_variances @ self.design - off / DECAY_SPREAD
-            return 0.5 * float(off @ off) - found.log_evidence, -slope
+            return 0.5 * float(off @ off) - log_evidence(found, moments.square), -slope
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(

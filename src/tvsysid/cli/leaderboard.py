@@ -14,6 +14,7 @@ def leaderboard(
     *,
     method: Methods | None = None,
     trials: int | None = None,
+    seed: int | None = None,
     workers: WorkerOptions = Workers(),
     out: Path = Path("tvsysid-leaderboard"),
 ) -> int:
@@ -30,7 +31,7 @@ def leaderboard(
 
     - `leaderboard.csv`: a row for each entry, with its error in each scenario;
 
-    - `results.nc`: every trial.
+    - `results.nc`: every trial. It holds the seed: do not publish that of a secret one.
 
     If the command is interrupted or killed, the same command resumes.
 
@@ -40,13 +41,16 @@ def leaderboard(
     ----------
     trials
         Trials of each scenario, two at least, to try it out. [10, which the version has]
+    seed
+        Seed that is kept secret, of 20 digits or more; the page has its hash only. [the public one
+        of the version]
     out
         Folder for the results.
     """
     from tvsysid.report import problems
     from tvsysid.studies.leaderboard import FILES, study_of, write_leaderboard
 
-    study = study_of(method or (), **given(trials=trials))
+    study = study_of(method or (), **given(trials=trials, seed=seed))
     results = run_study(study, out, workers)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)

@@ -5,13 +5,13 @@ The method in ``adaptive`` takes four steps:
 1. ``regression`` estimates stiffness at each time by itself, by weighted least
    squares over realizations, with the covariance of its error. From here on there are no
    realizations, only this curve and its error.
-2. ``prior`` lists the models: a constant plus a smooth part of some size and length, plus
-   switches. ``search`` proposes where the switches are.
-3. ``evidence`` gives each model the probability of the curve under it, with all coefficients
-   integrated out. A rough smooth part fits any curve, and so makes this one improbable. A part that
-   is too smooth leaves more than the noise explains.
-4. ``averaging`` averages the models, weighted by their evidence. ``model`` has the bands of
-   this mixture, and lists its switches.
+2. ``prior`` lists the smooth parts that stiffness may have: kernels of some amplitude and length.
+   ``smooth_priors`` is the place for another kernel. ``search`` finds sets of switches beside them.
+3. ``evidence`` gives each model, a smooth part with a set of switches, the probability of the curve
+   under it, with all coefficients integrated out. A rough smooth part fits any curve, and so makes
+   this one improbable. A part that is too smooth leaves more than the noise explains.
+4. ``averaging`` averages the models, weighted by their evidence; ``average`` has all steps from
+   the curve on. ``model`` has the bands of this mixture, and lists its switches.
 
 Viscosity is estimated in the same way, beside stiffness.
 """

@@ -195,14 +195,15 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     """
     if known:
         estimate = attrs.evolve(estimate, axis=known[0].axis)
-        fits = distinct_fits(estimate, [each.prior for each in known])
-        # Of hypotheses with the same switches, the most probable one gives the smooth part.
+        smooths = distinct_fits(estimate, [each.prior for each in known])
+        fit_of = {each.prior.variances.tobytes(): each for each in smooths}
+        # Switches are refined beside the smooth part of the most probable hypothesis with them.
         starts = {each.positions.tobytes(): each for each in reversed(known)}.values()
         rough = [
-            CurveModel(fits[each.prior.variances.tobytes()], each.positions) for each in starts
+            CurveModel(fit_of[each.prior.variances.tobytes()], each.positions) for each in starts
         ]
-        return ModelAverage.of(weigh(list(fits.values()), refined_sets(rough)))
-    smooths = list(distinct_fits(estimate, smooth_priors(estimate.axis)).values())
+        return ModelAverage.of(weigh(smooths, refined_sets(rough)))
+    smooths = distinct_fits(estimate, smooth_priors(estimate.axis))
     grid = Grid(estimate)
     first = [first_model(smooth, grid) for smooth in smooths]
     if first[0].is_constant() and all(each.score < first[0].score - 1 for each in first[1:]):
@@ -218,10 +219,10 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     return with_other_smear(found, estimate) if is_switching else found
 
 
-def distinct_fits(estimate: FreeEstimate, priors: Iterable[SmoothPrior]) -> dict[bytes, SmoothFit]:
-    """Fit each prior of the smooth part once; the keys are the bytes of its variances."""
+def distinct_fits(estimate: FreeEstimate, priors: Iterable[SmoothPrior]) -> list[SmoothFit]:
+    """Fit smooth parts with all priors, those with the same variances only once."""
     distinct = {each.variances.tobytes(): each for each in priors}
-    return {key: SmoothFit(estimate, prior) for key, prior in distinct.items()}
+    return [SmoothFit(estimate, prior) for prior in distinct.values()]
 
 
 def refined_sets(rough: Iterable[CurveModel]) -> list[CurveModel]:
@@ -238,11 +239,11 @@ def refined_sets(rough: Iterable[CurveModel]) -> list[CurveModel]:
 
 
 def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverage:
-    """Average also models whose steps are smeared in another way than by the usual low-pass filter.
+    """Average also models whose steps are smeared in another way, unless the data exclude that.
 
-    There may be no low-pass filter before sampling, or realizations may switch at different times.
-    The best of these smears joins with its prior probability, unless the data exclude it. All of
-    them together have the same prior probability as the usual low-pass filter.
+    Usually, a low-pass filter before sampling smears a step. There may be none, or realizations may
+    switch at different times. All of these together have the prior probability of the usual filter.
+    Only the best of them is averaged.
     """
     usual, best = estimate.axis, found.models[0]
     smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
@@ -253,7 +254,7 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
     if max(totals) + log_prior < total - MAX_SMEAR_LOSS:
         return found
     other = smeared[totals.index(max(totals))]
-    smooths = list(distinct_fits(other, (each.prior for each in found.hypotheses)).values())
+    smooths = distinct_fits(other, [each.prior for each in found.hypotheses])
     grid = Grid(other)
     sets = refined_sets(search_switches([first_model(each, grid) for each in smooths], grid))
     models = [each._replace(evidence=each.evidence + log_prior) for each in weigh(smooths, sets)]

@@ -76,7 +76,7 @@ class Steps(NamedTuple):
 
 @attrs.frozen(eq=False)
 class FreeEstimate:
-    """Estimate at each time of an axis, in units of its mean ``size``.
+    """Estimate of a function at each time of an axis, divided by its mean ``size``.
 
     ``whitener`` (time, time) makes its error white, with unit variance.
     """
@@ -220,8 +220,8 @@ def switch_evidence(
     .. math:: \log p = \tfrac12 \left(b^T A^{-1} b - \log|A| - n \log \tau^2\right), \qquad
               A = G + \tau^{-2} 1
 
-    On a periodic axis, three priors of balanced sizes follow, which add up to zero. The ratio of
-    the sum's posterior to its prior density at zero multiplies p. Both are normal, with means
+    On a periodic axis, three priors of balanced sizes follow, which add up to zero. For them, p is
+    multiplied by the density of the sum at zero, posterior over prior. Both are normal, with means
     :math:`1^T A^{-1} b` and 0, and variances :math:`1^T A^{-1} 1` and :math:`n \tau^2`.
 
     Parameters
@@ -235,7 +235,7 @@ def switch_evidence(
         (candidate,), and their products with the estimate (candidate,). They update all terms by a
         row and a column of A.
     """
-    prior, count = np.square(SWITCH_SIZES)[:, None] ** -1.0, cross.shape[-1]
+    prior_precision, count = np.square(SWITCH_SIZES)[:, None] ** -1.0, cross.shape[-1]
     covariance = size_covariances(gram)
     mean, ones = (covariance @ cross[..., None])[..., 0], covariance.sum(axis=-1)
     square, total, variance = np.sum(mean * cross, axis=-1), mean.sum(axis=-1), ones.sum(axis=-1)
@@ -243,17 +243,20 @@ def switch_evidence(
     if further is not None:
         (mixed, power, own_cross), count = further, count + 1
         explained = np.sum(covariance[:, 0] @ mixed * mixed, axis=1)
-        precision = np.maximum(power - explained, 0.0) + prior  # of the candidate's size
-        answer, one = own_cross - mean[:, 0] @ mixed, 1 - ones[:, 0] @ mixed
-        square, total = square + answer**2 / precision, total + answer * one / precision
+        precision = np.maximum(power - explained, 0.0) + prior_precision  # of the candidate's size
+        # What the set leaves of the candidate's product, and the candidate's part of the sum
+        own_cross, one = own_cross - mean[:, 0] @ mixed, 1 - ones[:, 0] @ mixed
+        square, total = square + own_cross**2 / precision, total + own_cross * one / precision
         variance = variance + one**2 / precision
         log_determinant = log_determinant + np.log(precision)
-    free = 0.5 * (square - log_determinant + count * np.log(prior)) - count * math.log(axis.times)
+    free = 0.5 * (square - log_determinant + count * np.log(prior_precision))
+    free -= count * math.log(axis.times)
     if not axis.periodic:
         return np.asarray(free)
-    # The size of a single balanced switch is 0, so it has no evidence.
-    condition = total**2 / variance + np.log(variance * prior / count) if count > 1 else math.inf
-    return np.concatenate([free, free - 0.5 * condition])
+    if count < 2:  # the size of a single balanced switch is 0, so it has no evidence
+        return np.concatenate([free, np.full_like(free, -np.inf)])
+    ratio = 0.5 * (total**2 / variance + np.log(variance * prior_precision / count))
+    return np.concatenate([free, free - ratio])
 
 
 def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPrior]:

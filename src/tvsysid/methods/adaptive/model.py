@@ -19,8 +19,8 @@ from tvsysid.numerics import Array
 from tvsysid.signals import Ensemble
 
 MIN_SWITCH_PROBABILITY = 0.05  # of a switch that is listed
-CERTAIN = 0.995  # probability of a switch that is not mentioned
-BISECTIONS = 26
+CERTAIN = 0.995  # probability of a switch from which on it is not mentioned
+BISECTIONS = 26  # that find a quantile
 INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
 
 
@@ -111,24 +111,25 @@ class AdaptiveModel(Model):
 def switches_of(quantity: str, posterior: ModelAverage, missing: int, rate: float) -> list[Switch]:
     """Return the switches that are likely enough to be listed, in the order of time.
 
-    Those of a model are left out where a better model has one nearby.
+    The probability of a switch is that of all models with a switch nearby. The best of these models
+    gives its time and size.
     """
-    rows, counted = list[Switch](), posterior.models[: len(posterior.weights)]
-    estimate = counted[0].smooth.estimate
-    for rank, (model, own) in enumerate(zip(counted, posterior.over_time, strict=True)):
+    rows, mixed = list[Switch](), posterior.models[: len(posterior.weights)]
+    estimate = mixed[0].smooth.estimate
+    for rank, (model, over_time) in enumerate(zip(mixed, posterior.over_time, strict=True)):
         for index, position in enumerate(model.positions):
-            distances = (estimate.axis.offset(each.positions, position) for each in counted)
-            near = np.array([(np.abs(each) < NEARBY_SAMPLES).any() for each in distances])
-            probability = min(float(posterior.weights @ near), 1.0)  # rounding may exceed it
-            if near[:rank].any() or probability < MIN_SWITCH_PROBABILITY:
+            distances = (estimate.axis.offset(each.positions, position) for each in mixed)
+            has_one = np.array([(np.abs(each) < NEARBY_SAMPLES).any() for each in distances])
+            probability = min(float(posterior.weights @ has_one), 1.0)  # rounding may exceed it
+            if has_one[:rank].any() or probability < MIN_SWITCH_PROBABILITY:
                 continue
             window, probabilities = model.places[index]
             late = estimate.axis.offset(window, position)
             ends = np.quantile(late, [0.025, 0.975], weights=probabilities, method="inverted_cdf")
             time = (position + missing) / rate
             earliest, latest = time + np.clip(ends, [-np.inf, 0.0], [0.0, np.inf]) / rate
-            size = estimate.size * own.sizes[0, index]
-            size_error = estimate.size * np.sqrt(own.covariance[0, index, index])
+            size = estimate.size * over_time.sizes[0, index]
+            size_error = estimate.size * np.sqrt(over_time.covariance[0, index, index])
             numbers = map(float, (time, earliest, latest, size, size_error, probability))
             rows.append(Switch(quantity, *numbers))
     return sorted(rows, key=attrgetter("time"))

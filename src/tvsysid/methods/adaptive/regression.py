@@ -246,13 +246,13 @@ def inverse_root(matrix: Array) -> Array:
 
 
 class Products(NamedTuple):
-    r"""Products of signals with weights W (time, time) between times, summed over realizations.
+    r"""Sums over realizations in the normal equations, with weights W (time, time) between times.
 
-    A coefficient of angle or velocity that is free at each time has the products ``free_gram`` (2,
-    2, time, time) with itself and the other, such as :math:`W \circ \sum_r \theta_r
-    \dot\theta_r^T`, and ``free_cross`` (2, signal, time) with every signal but the angle, such as
-    :math:`\sum_r \theta_r \circ W \ddot\theta_r`. Constants have the products ``mixed`` (2,
-    constant, time) with these, and ``gram`` (constant, signal), both in the low band if wanted.
+    ``free_gram`` (2, 2, time, time) are for angle and velocity with a coefficient at each time,
+    such as :math:`W \circ \sum_r \theta_r \dot\theta_r^T`, and ``free_cross`` (2, signal, time)
+    for these and every signal but the angle, such as :math:`\sum_r \theta_r \circ W
+    \ddot\theta_r`. ``gram`` (constant, signal) are for the constants and every signal but the
+    angle, ``mixed`` (2, constant, time) for them and the free coefficients.
     """
 
     free_gram: Array
@@ -262,7 +262,10 @@ class Products(NamedTuple):
 
     @classmethod
     def of(cls, columns: Array, filters: Array, low_band: bool) -> Self:
-        """Return the products with the weights W = FᵀF of filters F (time, time)."""
+        """Return the products with W = FᵀF of filters F (time, time).
+
+        Those of the constants may be restricted to the ``low_band``.
+        """
         both, weights = columns[: V + 1], filters.T @ filters
         weighted = columns[V:] @ weights
         slow = weighted[:-1]
@@ -354,10 +357,7 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
 
 
 def pooling_reach(independent: int, rate: float) -> int:
-    """Return the samples to either side over which the strength of the noise is pooled.
-
-    The fewer the realizations, the more samples.
-    """
+    """Return the samples to either side over which the strength of the noise is pooled."""
     return round(max(MISFIT_TIME, POOLED_TIME / (independent - 1)) * rate)
 
 

@@ -15,16 +15,18 @@ from tvsysid.methods.adaptive.evidence import FreeEstimate, SmoothFit, column_ev
 from tvsysid.methods.adaptive.prior import USUAL_SWITCH_SIZE
 from tvsysid.numerics import Array
 
-MAX_POSITIONS = 400  # of one more switch that are tried
+MAX_SWITCHES = 20  # of a model
+MAX_POSITIONS = 400  # at which one more switch is tried
 MAX_GAIN = 50.0  # largest gain in score that is expected of one more switch
-EXTRA_GAIN = 12.0  # by which a second switch may gain more than the first, which counts as much
-MAX_SWITCHES = 20  # of a set that the search extends by one
-MAX_JOINT_POSITIONS = 200  # of several switches that are tried together
-MAX_JOINT, MAX_REFINED = 6, 3  # switches that are, and sets of these that are refined
-MAX_SETS, MAX_SET_LOSS = 8, 5.0  # sets that are returned, and their loss of score against the best
+EXTRA_GAIN = 12.0  # that a second switch may bring beyond the gain of the first
+MAX_JOINT_SWITCHES = 6  # that are placed together
+MAX_JOINT_POSITIONS = 200  # at which they are tried
+MAX_JOINT_SETS = 3  # of these sets that are refined
+MAX_SETS = 8  # that the search returns
+MAX_SET_LOSS = 5.0  # their loss of score against the best set
 SEARCH_SPACING, SPACING = 1 / 8, 1 / 16  # samples between positions, in the search and after it
 SEARCH_REACH, REACH = 1.5, 6.0  # samples to either side by which a switch may move
-MAX_SWEEPS = 4  # in which each switch is moved once
+MAX_SWEEPS = 4  # of a refinement, which moves each switch once in a sweep
 NEARBY_SAMPLES = 3.0  # samples within which one of two switches may represent both
 BY_SCORE = attrgetter("score")
 
@@ -132,7 +134,7 @@ def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
     return CurveModel(smooth, steps.positions[[evidence.argmax()]], score)
 
 
-def best_step(model: CurveModel, grid: Grid) -> CurveModel:
+def best_change(model: CurveModel, grid: Grid) -> CurveModel:
     """Return the best model with one more switch, or with one switch at another position."""
     smooth, every = model.smooth, np.arange(len(model.positions))
     own, steps, options = smooth.steps(model.positions), smooth.beside(grid.steps), []
@@ -144,7 +146,7 @@ def best_step(model: CurveModel, grid: Grid) -> CurveModel:
     return model._replace(positions=np.sort(max(options)[1])).refined(*grid.window)
 
 
-def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
+def joint_switches(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     """Yield the positions of the best one, two and more switches between constant levels.
 
     Dynamic programming finds them as if the noise were white (Bellman 1961). It finds several
@@ -161,35 +163,34 @@ def joint_update(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.divide(cross**2, power, out=np.full(power.shape, -np.inf), where=before)
     best, paths = gains[:, 0], [list[float]()] * len(edges)  # up to each edge
-    for count in range(1, MAX_JOINT + 1):
+    for count in range(1, MAX_JOINT_SWITCHES + 1):
         paths = [[*paths[last], edges[last]] for last in (best + gains).argmax(axis=1)]
         best = (best + gains).max(axis=1)
         yield np.sort(np.add(paths[-1], cut) % times)
-        if periodic and count < MAX_JOINT:
+        if periodic and count < MAX_JOINT_SWITCHES:
             yield np.sort(np.add([*paths[-1], 0.0], cut) % times)  # with a switch at the cut
 
 
 def search_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel]:
     """Return sets of switches near the best score, and the empty one, which is last.
 
-    The search begins with the ``first`` model of each smooth part. Each step adds to the model with
-    the best score, or moves, one switch. Beside its smooth part the search ends where that does not
-    raise the score, or where one more switch, if it gained as much as the last, would not give the
-    best score of all.
+    The search begins with the ``first`` model of each smooth part. It changes the model with the
+    best score by one switch at a time. Beside a smooth part, it ends where no change raises the
+    score, or where a gain as large as the last one would not give the best score of all.
     """
     found, still_open, ended = list(first), list(first), set[bytes]()
-    gains = dict[SmoothFit, float]()  # of the last step beside a smooth part
+    gains = dict[SmoothFit, float]()  # of the last change beside each smooth part
     while still_open:
         still_open.sort(key=BY_SCORE)
         model, best = still_open.pop(), max(map(BY_SCORE, found))
         smooth, switches = model.smooth, model.positions.tobytes()
-        if smooth not in gains:
-            if switches in ended:  # the search beside another smooth part has ended here
+        if smooth not in gains:  # its search begins, unless another one has ended at its switches
+            if switches in ended:
                 continue
             gains[smooth] = max(model.score - smooth.score, EXTRA_GAIN) + EXTRA_GAIN
         possible = model.score + min(gains[smooth], MAX_GAIN)
         if possible > best and len(model.positions) < MAX_SWITCHES:
-            after = best_step(model, grid)
+            after = best_change(model, grid)
             found.append(after)
             if after.score > model.score:
                 gains[smooth] = after.score - model.score
@@ -199,10 +200,10 @@ def search_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel]
     empty = CurveModel(first[0].smooth, np.zeros(0))
     joint = [
         empty._replace(positions=positions, score=empty.score_at(positions))
-        for positions in joint_update(empty.smooth.estimate, first[0].positions)
+        for positions in joint_switches(empty.smooth.estimate, first[0].positions)
     ]
-    found += [each.refined(*grid.window) for each in nlargest(MAX_REFINED, joint, key=BY_SCORE)]
-    best_of = {each.positions.tobytes(): each for each in sorted(found, key=BY_SCORE)}
-    best = max(map(BY_SCORE, found))
-    sets = [each for at, each in best_of.items() if at and each.score > best - MAX_SET_LOSS]
+    found += [each.refined(*grid.window) for each in nlargest(MAX_JOINT_SETS, joint, key=BY_SCORE)]
+    found.sort(key=BY_SCORE)
+    best_of = {each.positions.tobytes(): each for each in found if len(each.positions)}
+    sets = [each for each in best_of.values() if each.score > found[-1].score - MAX_SET_LOSS]
     return [*nlargest(MAX_SETS, sets, key=BY_SCORE), empty]

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.linalg import convolution_matrix, toeplitz
 from scipy.ndimage import correlate1d
-from scipy.signal import fftconvolve
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import missing_edge
@@ -138,7 +138,7 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
 
 def convolved(values: Array, response: Array) -> Array:
     """Convolve values (column, realization, time) with a response (time,) from lag 0 on."""
-    whole = fftconvolve(values, response[None, None], axes=-1)
+    whole = scipy.signal.fftconvolve(values, response[None, None], axes=-1)
     return np.asarray(whole[..., : values.shape[-1]])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import attrs
@@ -11,7 +12,7 @@ import numpy as np
 from tvsysid.methods import base, responses, shared
 from tvsysid.methods.kbr import search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, clocks_of
-from tvsysid.methods.kbr.record import moments_of, runs_of, whitening
+from tvsysid.methods.kbr.record import Runs, moments_of, runs_of, whitened
 from tvsysid.methods.tuning import Evidence
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.gaussian import (
@@ -162,19 +163,17 @@ class KernelRegression(shared.ByReference):
         ensembles = [ensemble] if self.reference is None else [ensemble, moved]
         kernel = Kernel.of(ensemble, self.length_periodic, self.length_decay)
         runs = runs_of(ensembles, kernel, self.band)
-        moments = moments_of(runs, kernel)
-        scale = self._scale(moments, kernel.columns)
-        variances = np.broadcast_to(self.gamma, 3) * scale**2
+        variances = np.broadcast_to(self.gamma, 3) * self._scale(runs, kernel) ** 2
         precision = np.outer(2 / variances, kernel.precision).ravel()  # 2: see fit
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         for remaining in range(reweighted, -1, -1):
-            posterior = fit(moments, precision)
+            posterior = fit(runs, kernel, precision)
             each = impedance_over(ensemble, kernel, posterior.mean)
             left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, each)
             left = left[:, edge : ensemble.samples - edge]
             if remaining:
-                moments = moments_of(runs, kernel, whitening(runs, left))
+                runs = whitened(runs, left)
         # If each run is a single realization, none has derivatives at its ends.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         impedance = each.mean(axis=0)
@@ -195,8 +194,8 @@ class KernelRegression(shared.ByReference):
                 share, filters = posterior.effective / left.size, _in_band(filters, low, high)
                 noise, coloured = shared.noise_colour(moved, left, share, filters)
                 factors *= coloured / power_in_band(noise, low, high)
-            times = times_of(ensemble, kernel)
-            features = np.asarray(sum(kernel(*each) for each in times)) / len(times)
+            times = np.broadcast_arrays(*times_of(ensemble, kernel))
+            features = np.asarray(sum(map(kernel, *times))) / len(times[0])
             known = features[missing : ensemble.samples - missing]
             return shared.posterior_errors(
                 np.einsum("qp,tj->qtpj", np.eye(3), known).reshape(3, len(known), -1),
@@ -217,7 +216,7 @@ class KernelRegression(shared.ByReference):
             diagnostics=Diagnostics(posterior.effective, details=details),
         )
 
-    def _scale(self, moments: Moments, columns: int) -> float:
+    def _scale(self, runs: Sequence[Runs], kernel: Kernel) -> float:
         """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
 
         Unlike the torque over the angle, the modulus at 1 Hz does not depend on the perturbation or
@@ -227,8 +226,9 @@ class KernelRegression(shared.ByReference):
             return self.scale
         # The first column of each signal is its constant. The last three signals are the angle, or
         # the one predicted from a reference, and its derivatives.
-        constants = moments.take(np.arange(0, len(moments.cross), columns)[-3:])
-        impedance = fit(constants, np.zeros(3)).mean
+        signals = (len(runs[0].spectra) - 1) // kernel.functions
+        constants = np.arange(signals - 3, signals) * kernel.columns
+        impedance = solve(moments_of(runs, kernel, constants), np.zeros(3)).mean
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
         return DEGREE / USUAL_MODULUS * float(modulus)
 
@@ -242,8 +242,7 @@ class KernelRegression(shared.ByReference):
         noise = endless.diagnostics.details["noise_variance"]
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         kernel = Kernel.of(ensemble, self.length_periodic, ENDLESS)
-        moments = moments_of(runs_of([ensemble], kernel, self.band), kernel)
-        scale = self._scale(moments, kernel.columns)
+        scale = self._scale(runs_of([ensemble], kernel, self.band), kernel)
         variances = np.broadcast_to(self.gamma, 3) * scale**2
         theta = np.log([self.length_periodic, *variances, noise])
         given = search.Settings(self.length_decay, theta, "as given")
@@ -251,7 +250,7 @@ class KernelRegression(shared.ByReference):
         return search.evidence_of(tried, self, scale)
 
 
-def fit(moments: Moments, precision: Array) -> FittedWeights:
+def fit(runs: Sequence[Runs], kernel: Kernel, precision: Array) -> FittedWeights:
     r"""Fit the weights under a prior precision (column,) and find the noise variance they leave.
 
     .. math:: y = X w + e, \qquad e \sim N(0, \sigma^2 I), \qquad w \sim N(0, P^{-1}), \qquad
@@ -264,26 +263,37 @@ def fit(moments: Moments, precision: Array) -> FittedWeights:
 
     A weight whose torque the prior keeps far below the noise is left out: it keeps the prior's mean
     of 0 and its variance.
-    If the moments have twice as many columns as the prior, the second half are instruments
+    If the runs have twice as many columns as the prior, the second half are instruments
     (:func:`tvsysid.numerics.gaussian.by_instruments`).
     """
-    count, noise = len(precision), INITIAL_NOISE * moments.square / moments.number
-    with np.errstate(divide="ignore"):
-        variances = 1 / precision
-    power = moments.gram.diagonal().reshape(-1, count).max(axis=0)
+    count, torque = len(precision), moments_of(runs, kernel, np.arange(0))
+    noise = INITIAL_NOISE * torque.square / torque.number
+    # no weight's power is larger than that of its signal times slow function at all frequencies
+    powers = sum(
+        np.max(each.weights) ** 2 * np.sum(np.abs(each.spectra[:-1]) ** 2, axis=(1, 2))
+        for each in runs
+    )
+    bounds = powers.reshape(-1, kernel.functions)[:, kernel.slow].reshape(-1, count)
     while True:
-        kept = np.flatnonzero(variances * power > NEGLIGIBLE * noise)
-        columns = np.add.outer(np.arange(0, len(moments.cross), count), kept).ravel()
-        found = _fit_noise(moments.take(columns), precision[kept], noise)
+        least = NEGLIGIBLE * noise * precision
+        kept = np.flatnonzero(bounds.max(axis=0) > least)
+        columns = np.add.outer(np.arange(0, bounds.size, count), kept)
+        moments = moments_of(runs, kernel, columns.ravel())
+        powers = moments.gram.diagonal().reshape(columns.shape)
+        visible = powers.max(axis=0) > least[kept]
+        kept, moments = kept[visible], moments.take(np.tile(visible, len(columns)))
+        found = fit_noise(moments, precision[kept], noise)
         if found.noise_variance >= noise or len(kept) == count:
             break  # with less noise than was assumed, more weights may count
         noise = 0.5 * found.noise_variance
+    with np.errstate(divide="ignore"):
+        variances = 1 / precision
     mean, covariance = np.zeros(count), np.diag(variances)
     mean[kept], covariance[np.ix_(kept, kept)] = found.mean, found.covariance
     return found._replace(mean=mean, covariance=covariance)
 
 
-def _fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeights:
+def fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeights:
     """Return the fit at the fixed point of the noise variance, from a first guess."""
     own, power, x = moments, moments.square / moments.number, np.arange(len(precision))
     has_instruments = len(moments.cross) > len(x)
@@ -333,22 +343,22 @@ class KernelModel(responses.SecondOrderModel):
         return {"intrinsic": shared.second_order_torque(ensemble, self.impedance(ensemble))}
 
 
-def times_of(ensemble: Ensemble, kernel: Kernel) -> Array:
-    """Return the times in s of each realization, shape (realization, 2, time).
+def times_of(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
+    """Return the times in s of each realization from the trial's time 0, and on the record's clock.
 
-    The first row counts from the trial's time 0, the second is the record's clock. Where all
-    realizations have the same impedance, only the first is returned.
+    Both have shape (realization, time), or (1, time) where all realizations have the same features.
     """
-    phases = np.round(ensemble.onsets % kernel.period, 9) % kernel.period
-    starts = np.stack([ensemble.onsets, clocks_of(ensemble)], axis=1)
-    some = starts[:1] if not kernel.slow.any() and np.ptp(phases) < 1e-9 else starts
-    return np.asarray(some[..., None] + ensemble.time)
+    onsets, clocks = ensemble.onsets, clocks_of(ensemble)
+    if np.ptp(np.round(onsets % kernel.period, 9) % kernel.period) < 1e-9:
+        onsets = onsets[:1]
+    if not kernel.slow.any():
+        clocks = clocks[:1]
+    return onsets[:, None] + ensemble.time, clocks[:, None] + ensemble.time
 
 
 def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
     """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3)."""
-    weights = coefficients.reshape(3, -1).T
-    return np.stack([kernel(*each) @ weights for each in times_of(ensemble, kernel)])
+    return kernel.combined(*times_of(ensemble, kernel), coefficients.reshape(3, -1))
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

@@ -38,9 +38,10 @@ MAX_SIZE = 1875
 class Kernel:
     """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
-    Each column is a ``harmonic``, a ``sine`` (1) or cosine (0), times a ``slow`` function, given by
-    its index. ``precision`` is its prior precision for gamma = 1. All have shape (column,). The
-    first column is the constant, whose prior precision is 0. The record lasts ``span`` s.
+    Each column is a cosine or sine of a ``harmonic`` times a ``slow`` function, given by its index.
+    ``place`` is the index of the cosine or sine among those of all harmonics, and ``precision`` the
+    column's prior precision for gamma = 1. All have shape (column,). The first column is the
+    constant, whose prior precision is 0. The record lasts ``span`` s.
 
     Slow function 0 is constant. The others are the eigenfunctions of the decay ``l2``: its
     :func:`covariance` with the ``nodes``, times a matrix ``projection`` (node, function). A
@@ -53,7 +54,7 @@ class Kernel:
     nodes: Array
     projection: Array
     harmonic: NDArray[np.int64]
-    sine: NDArray[np.int64]
+    place: NDArray[np.int64]
     slow: NDArray[np.int64]
     precision: Array
 
@@ -81,11 +82,10 @@ class Kernel:
             shares = np.insert(shares, 0, 0.0)
         matter = np.outer(variances, shares) > TOLERANCE
         matter[0, 0] = True
-        harmonic, sine, slow = np.nonzero(np.stack([matter, matter], axis=1))
-        columns = (harmonic > 0) | (sine == 0)
-        harmonic, sine, slow = harmonic[columns], sine[columns], slow[columns]
+        place, slow = np.nonzero(matter[np.arange(1, 2 * len(variances)) // 2])
+        harmonic = (place + 1) // 2
         precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
-        return cls(period, span, l2, nodes, projection, harmonic, sine, slow, precision)
+        return cls(period, span, l2, nodes, projection, harmonic, place, slow, precision)
 
     @property
     def columns(self) -> int:
@@ -119,9 +119,15 @@ class Kernel:
 
         ``phase`` is the time within the period, ``clock`` that of the record.
         """
-        place = np.maximum(0, 2 * self.harmonic - 1 + self.sine)
-        periodic = self.periodic_features(phase)[..., place]
+        periodic = self.periodic_features(phase)[..., self.place]
         return np.asarray(periodic * self.slow_features(clock)[..., self.slow])
+
+    def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
+        """Return sums of features times ``coefficients`` (quantity, column), (*time, quantity)."""
+        weights = np.zeros((2 * self.highest + 1, len(coefficients), self.functions))
+        weights[self.place, :, self.slow] = coefficients.T
+        of_slow = np.tensordot(self.periodic_features(phase), weights, 1)
+        return np.asarray(np.einsum("...qj,...j->...q", of_slow, self.slow_features(clock)))
 
 
 def clocks_of(ensemble: Ensemble) -> Array:

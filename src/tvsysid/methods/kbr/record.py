@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 
 import attrs
 import numpy as np
@@ -29,23 +28,29 @@ MIN_POWER = 1e-9  # of a half-cosine in the band, relative to its samples; a fai
 
 
 @attrs.frozen(eq=False)
-class Run:
-    """Consecutive realizations, as ``spectra`` of signals times the kernel's slow functions.
+class Runs:
+    """Runs of equally many realizations, as ``spectra`` of signals times slow functions.
 
     The signals are the angle and its derivatives, then those of an instrument if there is one, and
-    last the torque, which is multiplied by the first function only. ``known`` of the ``samples``
-    have derivatives; the signals are 0 elsewhere. ``spectra`` (signal x function, frequency) have
-    ``norm="ortho"``. They begin ``reach`` bins below the fitted ``bins``, and end as many above.
-    A run begins at ``start`` s of the trial and lasts ``periods`` realizations.
+    last the torque, which is multiplied by the first function only. Their ends without derivatives
+    are 0. ``spectra`` (signal x function, run, frequency) have ``norm="ortho"``. They begin
+    ``reach`` bins below the fitted ``bins``, and end as many above. Each run begins at one of the
+    ``starts`` (run,) in s of the trial and lasts ``periods`` realizations of ``samples`` in all.
+
+    The numbers of a run are the real and imaginary parts of the fitted frequencies. They have
+    ``weights`` (number,). The ``external`` terms (term, number) are spectra of half-cosines. A run
+    has ``freedom`` independent numbers.
     """
 
     spectra: ComplexArray
     bins: slice
     reach: int
-    start: float
+    starts: Array
     periods: int
     samples: int
-    known: int
+    external: Array
+    freedom: float
+    weights: Array
 
     @classmethod
     def of(
@@ -54,133 +59,133 @@ class Run:
         realizations: NDArray[np.int64],
         kernel: Kernel,
         band: tuple[float, float],
-    ) -> Run:
-        """Join realizations; a second ensemble is the instrument. The ``band`` in Hz is fitted."""
-        ensemble = ensembles[0]
-        rate, lost = ensemble.sampling_rate, max(0, HALF_WIDTH - ensemble.context)
-        angles = [differentiate(joined(each, realizations), rate) for each in ensembles]
-        torque = ensemble.torque[realizations, ensemble.core].reshape(1, -1)
-        samples = torque.size
-        signals = np.zeros((3 * len(angles) + 1, samples))
+    ) -> Runs:
+        """Join ``realizations`` (run, realization); a second ensemble is the instrument.
+
+        The ``band`` in Hz is fitted.
+        """
+        ensemble, (runs, periods) = ensembles[0], realizations.shape
+        rate, samples = ensemble.sampling_rate, periods * ensemble.samples
+        lost = max(0, HALF_WIDTH - ensemble.context)
         known = slice(lost, samples - lost)
-        signals[:, known] = np.concatenate([*angles, torque[:, known]])
-        clock = clocks_of(ensemble)[realizations[0]]
-        slow = kernel.slow_features(clock + np.arange(samples) / rate).T
-        products = (signals[:-1, None] * slow).reshape(-1, samples)
+        signals = np.zeros((3 * len(ensembles) + 1, runs, samples))
+        angles = [differentiate(joined(each, realizations), rate) for each in ensembles]
+        signals[:-1, :, known] = np.concatenate(angles)
+        torque = ensemble.torque[realizations, ensemble.core].reshape(runs, -1)
+        signals[-1, :, known] = torque[:, known]
+        clocks = clocks_of(ensemble)[realizations[:, :1]] + np.arange(samples) / rate
+        slow = np.moveaxis(kernel.slow_features(clocks), -1, 0)
+        products = (signals[:-1, None] * slow).reshape(-1, runs, samples)
         low, high = (frequency * samples / rate for frequency in band)
         bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
-        reach = kernel.highest * len(realizations)
+        reach = kernel.highest * periods
         # Spectra of real signals are mirrored at 0 and at the Nyquist frequency.
-        place = np.arange(bins.start - reach, bins.stop + reach) % samples
-        mirrored = place > samples // 2
+        place = np.arange(bins.start - reach, bins.stop + reach) + samples // 2
+        place = place % samples - samples // 2
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
-        spectra = spectra[:, np.where(mirrored, samples - place, place)]
-        np.conjugate(spectra, out=spectra, where=mirrored)
-        start = float(ensemble.onsets[realizations[0]])
-        return cls(spectra, bins, reach, start, len(realizations), samples, samples - 2 * lost)
+        spectra = spectra[..., np.abs(place)]
+        np.conjugate(spectra, out=spectra, where=place < 0)
+        external = np.zeros((EXTERNAL_TERMS, samples))
+        turns = np.outer(np.arange(EXTERNAL_TERMS), np.arange(samples) + 0.5) / samples
+        external[:, known] = np.cos(np.pi * turns)[:, known]
+        external = rfft(external, norm="ortho")[:, bins].view(np.float64)
+        weights = np.ones(external.shape[1])
+        freedom = len(weights) * (1 - 2 * lost / samples)
+        starts = ensemble.onsets[realizations[:, 0]]
+        return cls(spectra, bins, reach, starts, periods, samples, external, freedom, weights)
 
-    def rows(self, kernel: Kernel) -> Iterator[tuple[slice, ComplexArray]]:
-        """Yield slices of bins and their regressors (row, bin); the last row is the torque.
+    def rows(self, kernel: Kernel, columns: NDArray[np.int64]) -> Iterator[tuple[slice, Array]]:
+        """Yield slices of numbers and weighted regressors (row, run, number); the torque is last.
 
-        The regressors are each signal times all columns of the kernel. A product with a harmonic is
-        a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
+        The ``columns`` count each signal times all columns of the kernel. A product with a harmonic
+        is a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
         memory from growing with the record times the columns.
         """
-        torque = len(self.spectra) - 1
-        signals = torque // kernel.functions
-        source = np.append(np.arange(0, torque, kernel.functions)[:, None] + kernel.slow, torque)
-        shift = np.append(np.tile(kernel.harmonic * self.periods, signals), 0)
+        torque = (len(self.spectra) - 1) // kernel.functions * kernel.columns
+        signal, column = np.divmod(np.append(columns, torque), kernel.columns)
+        source = (signal * kernel.functions + kernel.slow[column])[:, None]
+        shift = kernel.harmonic[column, None] * self.periods
         # A cosine is half the sum of a turn and its conjugate, a sine that a quarter turn later.
-        # The torque has no shift: it is the sum of two halves.
-        turn = np.exp(2j * np.pi * kernel.harmonic * self.start / kernel.period)
-        turn *= np.where(kernel.sine == 0, 0.5, -0.5j)
-        turn = np.append(np.tile(turn, signals), 0.5)[:, None]
-        count = self.bins.stop - self.bins.start
-        for low in range(0, count, BLOCK):
-            high = min(low + BLOCK, count)
-            windows = sliding_window_view(self.spectra, high - low, axis=1)
-            rows = windows[source, low + self.reach - shift] * turn
-            rows += windows[source, low + self.reach + shift] * turn.conj()
-            yield slice(low, high), rows
+        turn = np.exp(2j * np.pi / kernel.period * np.outer(kernel.harmonic, self.starts))
+        turn *= np.where((kernel.place > 0) & (kernel.place % 2 == 0), -0.5j, 0.5)[:, None]
+        turn, run = turn[column][..., None], np.arange(len(self.starts))
+        count, length = self.bins.stop - self.bins.start, max(1, BLOCK // len(run))
+        for low in range(0, count, length):
+            high = min(low + length, count)
+            windows = sliding_window_view(self.spectra, high - low, axis=2)
+            rows = windows[source, run, low + self.reach - shift] * turn
+            rows += windows[source, run, low + self.reach + shift] * turn.conj()
+            numbers = slice(2 * low, 2 * high)
+            yield numbers, rows.view(np.float64) * self.weights[numbers]
 
 
-@lru_cache(maxsize=4)
-def external_terms(samples: int, known: int) -> ComplexArray:
-    """Return spectra (term, frequency) of half-cosines over a run, 0 outside its known samples."""
-    lost = (samples - known) // 2
-    place = (np.arange(samples) + 0.5) / samples
-    terms = np.cos(np.pi * np.outer(np.arange(EXTERNAL_TERMS), place))
-    terms[:, :lost] = terms[:, samples - lost :] = 0.0
-    return np.asarray(rfft(terms, norm="ortho"))
-
-
-def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, float]) -> list[Run]:
+def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, float]) -> list[Runs]:
     """Divide an ensemble, and that of its instrument, into runs; the ``band`` in Hz is fitted.
 
     Raise InputError if the band has no data.
     """
     ensemble = ensembles[0]
     lost = max(0, HALF_WIDTH - ensemble.context)
-    long = [each for each in ensemble.runs if len(each) * ensemble.samples > 2 * lost + 1]
-    runs = [Run.of(ensembles, each, kernel, band) for each in long]
-    if not any(run.bins.start < run.bins.stop for run in runs):
+    found = []
+    for length in {len(run) for run in ensemble.runs}:
+        if length * ensemble.samples > 2 * lost + 1:
+            alike = np.stack([run for run in ensemble.runs if len(run) == length])
+            found.append(Runs.of(ensembles, alike, kernel, band))
+    if not any(runs.weights.size for runs in found):
         raise InputError(
             f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
             f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, "
             f"within a band of {band[0]:g} to {band[1]:g} Hz; give context, longer realizations or "
             "a lower band"
         )
-    return runs
+    return found
 
 
-def moments_of(
-    runs: Sequence[Run], kernel: Kernel, weights: Sequence[Array] | None = None
-) -> Moments:
-    r"""Return sums over the band's frequencies of products of all regressors X and torque y.
+def moments_of(found: Sequence[Runs], kernel: Kernel, columns: NDArray[np.int64]) -> Moments:
+    r"""Return sums over the band's frequencies of products of regressors X and torque y.
 
-    Real and imaginary parts count separately. ``weights`` are those of the frequencies of each
-    run. The smooth external terms T of each run have no prior, and are projected out:
+    X has the ``columns`` of all signals times columns of the kernel. Real and imaginary parts count
+    separately. The smooth external terms T of each run have no prior, and are projected out:
 
     .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
     """
-    size = (len(runs[0].spectra) - 1) // kernel.functions * kernel.columns + 1  # and the torque
+    size = len(columns) + 1  # and the torque
     products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
-    for index, run in enumerate(runs):
-        terms = external_terms(run.samples, run.known)[:, run.bins]
-        if weights:
-            terms = terms * weights[index]
-        numbers = terms.view(np.float64)
-        powers, axes = np.linalg.eigh(numbers @ numbers.T)
-        kept = powers > MIN_POWER * run.samples
-        basis = axes[:, kept].T @ numbers / np.sqrt(powers[kept, None])
-        with_terms = np.zeros((len(basis), size))
-        for bins, rows in run.rows(kernel):
-            parts = (rows * weights[index][bins] if weights else rows).view(np.float64)
-            products = blas.dsyrk(
-                1.0, parts.T, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1
-            )
-            with_terms += basis[:, 2 * bins.start : 2 * bins.stop] @ parts.T
-        mixed.append(with_terms)
-        number += numbers.shape[1] * run.known / run.samples - len(basis)
-    projected = np.concatenate(mixed)
-    return Moments.of(products - projected.T @ projected, number)
+    for runs in found:
+        terms = runs.external * runs.weights
+        powers, axes = np.linalg.eigh(terms @ terms.T)
+        kept = powers > MIN_POWER * runs.samples
+        basis = axes[:, kept].T @ terms / np.sqrt(powers[kept, None])
+        with_terms = np.zeros((size * len(runs.starts), len(basis)))
+        for numbers, rows in runs.rows(kernel, columns):
+            with_terms += rows.reshape(len(with_terms), -1) @ basis[:, numbers].T
+            flat = rows.reshape(size, -1).T
+            products = blas.dsyrk(1.0, flat, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
+        mixed.append(with_terms.reshape(size, -1))
+        number += len(runs.starts) * (runs.freedom - len(basis))
+    projected = np.concatenate(mixed, axis=1)
+    return Moments.of(products - projected @ projected.T, number)
 
 
-def whitening(runs: Sequence[Run], residual: Array) -> list[Array]:
-    """Return weights of each run's frequencies that make a residual (realization, time) white.
+def whitened(found: Sequence[Runs], residual: Array) -> list[Runs]:
+    """Return runs with weights that make a residual (realization, time) white.
 
     They are inverse to the root of its spectrum, whose mean is taken as 1.
     """
     correlation = autocorrelation(residual - residual.mean())  # 1 at lag 0; negative lags mirror it
-    powers = [2 * rfft(correlation, run.samples)[run.bins].real - 1 for run in runs]
+    powers = [2 * rfft(correlation, runs.samples)[runs.bins].real - 1 for runs in found]
     mean = np.mean(np.concatenate(powers))
-    return [np.sqrt(mean / each) for each in powers]
+    return [
+        attrs.evolve(runs, weights=np.repeat(np.sqrt(mean / power), 2))
+        for runs, power in zip(found, powers, strict=True)
+    ]
 
 
 def joined(ensemble: Ensemble, realizations: NDArray[np.int64]) -> Array:
-    """Return the angle of consecutive realizations, with context for derivatives at the ends."""
+    """Return the angle (run, time) of runs, with context for derivatives at the ends."""
     start, stop = ensemble.core.start, ensemble.core.stop
     context = min(ensemble.context, HALF_WIDTH)
-    before = ensemble.angle[realizations[0], start - context : start]
-    after = ensemble.angle[realizations[-1], stop : stop + context]
-    return np.concatenate([before, ensemble.angle[realizations, start:stop].ravel(), after])
+    before = ensemble.angle[realizations[:, 0], start - context : start]
+    inside = ensemble.angle[realizations, start:stop].reshape(len(realizations), -1)
+    after = ensemble.angle[realizations[:, -1], stop : stop + context]
+    return np.concatenate([before, inside, after], axis=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from tvsysid.methods.shared.residuals import (
     second_order_residual,
 )
 from tvsysid.models import Diagnostics, StandardError
-from tvsysid.numerics.moments import lagged_moments, sliding_sum, time_chunks
+from tvsysid.numerics.moments import lagged_moments, sliding_sum, time_chunks, window_moments
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
 from tvsysid.numerics.second_order import derivative_filters, second_order_fit
@@ -146,16 +147,23 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     taken = np.zeros(2 * half + 1)
     taken[0] = np.mean(windows.rank / windows.independent)
     left = autocovariance(residual(ensemble, windows.weights), 2 * half)
-    correlation = toeplitz(noise_correlation(left, taken))
+    root = np.linalg.cholesky(toeplitz(noise_correlation(left, taken)))
     angle, _, margin = _within_reach(ensemble, lags, half)
-    u = sliding_window_view(angle, 2 * lags + 1, axis=1)[..., ::-1]
-    sums = np.empty(windows.fit.shape)
-    for time, readout in enumerate(windows.readout):
-        centre = time + margin
-        z = u[:, max(0, centre - half) : centre + half + 1] @ readout.T
-        mixed = correlation[: z.shape[1], : z.shape[1]] @ z
-        sums[time] = np.einsum("rwq,rwq->q", z, mixed)
-    return np.asarray(sums * (windows.noise / windows.samples**2)[:, None])
+    times, cut = len(windows.fit), half - margin
+    sums = []
+    # Windows near the ends are cut short, each to another length.
+    edges = [time for time in range(times + 1) if not cut < time < times - cut]
+    for start, stop in pairwise(edges):
+        begin, end = max(0, start - cut), min(start - cut + len(taken), times + 2 * margin)
+        u = sliding_window_view(angle, end - begin, axis=1)[
+            :, begin : begin + stop - start + 2 * lags
+        ]
+        mixed = np.tensordot(root[: end - begin], u, (0, 2)).reshape(-1, u.shape[1])
+        moments = len(mixed) * window_moments(mixed, mixed, lags, lags)
+        readout = windows.readout[start:stop, :, ::-1]
+        sums.append(np.sum(readout @ moments * readout, axis=2))
+    variances = np.concatenate(sums) * (windows.noise / windows.samples**2)[:, None]
+    return np.maximum(variances, 0.0)
 
 
 def impulse_response_model(

@@ -48,12 +48,6 @@ def writes(model, ensemble):
     angle -= angle.mean()
 
 
-def invents_edges(model, ensemble):
-    values = model.stiffness.copy()
-    values[: 0 if ensemble.context else 5] = 0.0
-    return tv.Model.of(ensemble, values, pathways=lambda other: {"intrinsic": model.predict(other)})
-
-
 def remembers(model, ensemble):
     torque = model.predict(ensemble)
     return tv.Model.of(ensemble, model.stiffness, pathways=lambda other: {"intrinsic": torque})
@@ -123,7 +117,6 @@ def test_good_methods_pass(method):
             "cannot pickle '_thread.lock' object",
         ),
         (Fit(at_one_rate), "works at another rate and length", "192 samples at 100 Hz"),
-        (Fit(invents_edges), "works without context", "give NaN where lags"),
     ],
 )
 def test_a_fault_is_found(method, name, words):

@@ -106,7 +106,6 @@ def _show_diagnosis(
     """
     from tvsysid.comparison import prepare_recording
     from tvsysid.quality import diagnose
-    from tvsysid.quality.fit import lowered
     from tvsysid.recommendation import recommend
     from tvsysid.recordings import read_recording
     from tvsysid.report import write_diagnosis
@@ -142,7 +141,7 @@ def _show_diagnosis(
         say(line)
     if repeats:
         with errors.status("choosing a method"):
-            recommendation = recommend(lowered(ensemble), reference, diagnosis=diagnosis)
+            recommendation = recommend(ensemble, reference, diagnosis=diagnosis)
         say(repr(recommendation))
     say(f"wrote {page}")
 

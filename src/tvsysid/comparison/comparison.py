@@ -146,8 +146,7 @@ class Comparison:
         return plot(self, title)
 
     def _repr_html_(self) -> str:
-        text = "".join(f"<p>{html.escape(line)}</p>" for line in repr(self).splitlines())
-        return text + self.summary().to_html(index=False)
+        return f"<pre>{html.escape(repr(self))}</pre>{self.summary().to_html(index=False)}"
 
     def summary(self) -> pd.DataFrame:
         """Return a table with a row for each method.
@@ -162,19 +161,20 @@ class Comparison:
             stiffness, (lower, upper) = model.stiffness, model.limits("stiffness")
             lowest = np.argmin(np.nan_to_num(stiffness, nan=np.inf))
             highest = np.argmax(np.nan_to_num(stiffness, nan=-np.inf))
-            row = {
-                "method": label,
-                "stiffness (N·m/rad)": mean_of(stiffness),
-                "half_band (N·m/rad)": mean_of((upper - lower) / 2),
-                "lowest (N·m/rad)": stiffness[lowest],
-                "lowest at (s)": model.time[lowest],
-                "highest (N·m/rad)": stiffness[highest],
-                "highest at (s)": model.time[highest],
-                "viscosity (N·m·s/rad)": mean_of(model.viscosity),
-                "inertia (kg·m²)": mean_of(model.inertia),
-                "VAF (%)": mean_of(self.vaf[label]),
-            }
-            rows.append(row)
+            rows.append(
+                {
+                    "method": label,
+                    "stiffness (N·m/rad)": mean_of(stiffness),
+                    "half_band (N·m/rad)": mean_of((upper - lower) / 2),
+                    "lowest (N·m/rad)": stiffness[lowest],
+                    "lowest at (s)": model.time[lowest],
+                    "highest (N·m/rad)": stiffness[highest],
+                    "highest at (s)": model.time[highest],
+                    "viscosity (N·m·s/rad)": mean_of(model.viscosity),
+                    "inertia (kg·m²)": mean_of(model.inertia),
+                    "VAF (%)": mean_of(self.vaf[label]),
+                }
+            )
         return pd.DataFrame(rows)
 
     def over_time(self) -> pd.DataFrame:

@@ -38,9 +38,9 @@ def predict_held_out(
             try:
                 torques[label][:, part] = _held_out(ensemble, part, methods[label], models[label])
             except Exception as error:  # a user's method may raise anything; the others go on
-                text = f"{label}: no held-out VAF where the method cannot be fitted without a fold"
-                reason = describe_error(error)
-                warnings.warn(f"{text}: {reason}", DataQualityWarning, stacklevel=3)
+                text = "no held-out VAF where the method cannot be fitted without a fold"
+                reason = f"{label}: {text}: {describe_error(error)}"
+                warnings.warn(reason, DataQualityWarning, stacklevel=3)
     return torques
 
 

@@ -64,7 +64,7 @@ def compare(
     1   birf                 ...
     """
     chosen: dict[str, Method] = {}
-    for item in expand([methods] if isinstance(methods, str) else methods):
+    for item in expand(methods):
         method, label = parse(item) if isinstance(item, str) else item, label_of(item)
         if chosen.setdefault(label, method) != method:
             raise InputError(

@@ -50,10 +50,10 @@ class PreparedRecording:
     recording: Recording
     ensemble: Ensemble
     diagnosed: Ensemble
-    findings: tuple[Finding, ...] = ()
-    corrections: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    centered: tuple[str, ...] = ()
+    findings: tuple[Finding, ...]
+    corrections: tuple[str, ...]
+    notes: tuple[str, ...]
+    centered: tuple[str, ...]
 
     def diagnose(self, reference: str | None = None) -> Diagnosis | str:
         """Diagnose the data as they are identified; return why not if they are too short."""
@@ -126,10 +126,8 @@ def prepare_recording(
 
     if gaps:
         every = preprocess.segment(decimated(0.0), period, context)
-        if lost := len(every) - len(ensemble(0.0)):
-            note("gaps", f"realizations with gaps were left out ({lost})")
-        else:
-            del findings["gaps"]
+        lost = len(every) - len(ensemble(0.0))
+        note("gaps", f"realizations with gaps were left out ({lost})")
     delay = 0.0
     if align_channels:
         with suppress(InputError):  # realizations are too few, or too short
@@ -176,17 +174,12 @@ def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> 
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000
     ensembles = [cut(delay) for delay in delays]
     vafs = _held_out_vafs(ensembles) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
-    none, half, whole = means = vafs.mean(axis=1)
-    if not np.isfinite(means).all():
+    best = int(np.argmax(vafs.mean(axis=1)))
+    if not predicts_better(100 - vafs[best], 100 - vafs[-1]) < SIGNIFICANCE:
         return float(delays[-1]), f"{what}; all of it is corrected"
-    best = int(np.argmax(means))
-    is_better = predicts_better(100 - vafs[best], 100 - vafs[-1]) < SIGNIFICANCE
-    chosen = best if is_better else 2
-    return float(delays[chosen]), (
-        f"{what}; {('none', 'half', 'all')[chosen]} of it is corrected: held-out VAF of adaptive "
-        f"is {none:.1f} % as recorded, {half:.1f} with half and {whole:.1f} with all of it "
-        "corrected"
-    )
+    amount = f"half of it ({1000 * abs(delays[best]):.3g} ms)" if best else "none of it"
+    reason = "adaptive then predicts held-out realizations better than with all of it corrected"
+    return float(delays[best]), f"{what}; {amount} is corrected: {reason}"
 
 
 def _held_out_vafs(ensembles: Sequence[Ensemble]) -> Array:
@@ -197,6 +190,8 @@ def _held_out_vafs(ensembles: Sequence[Ensemble]) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataQualityWarning)
         found = compare(ensembles[0], ["adaptive"])
-        each_found = [attrs.evolve(found, ensemble=each) for each in ensembles]
-        vafs = [vaf(*each.predict_held_out(2)["adaptive"]) for each in each_found]
+        vafs = [
+            vaf(*attrs.evolve(found, ensemble=each).predict_held_out(2)["adaptive"])
+            for each in ensembles
+        ]
     return np.array([each[: min(map(len, vafs))] for each in vafs])

@@ -120,7 +120,7 @@ class ModalDecomposition(base.Method):
             angle = recorded.reshape(len(run) * samples, -1).mean(axis=1)
             size = np.abs(ensemble.torque[run, ensemble.core].ravel())
             peaks, _ = scipy.signal.find_peaks(
-                size, MIN_PEAK * size.max(), distance=max(1, round(MIN_DISTANCE_S * rate))
+                size, MIN_PEAK * size.max(), distance=MIN_DISTANCE_S * rate
             )
             for peak, following in pairwise([*peaks, len(angle)]):
                 # Windows that hold nothing but ringing
@@ -135,7 +135,7 @@ class ModalDecomposition(base.Method):
         count = np.isfinite(found).sum(axis=0)
         mean, spread = mean_and_spread(found)
         values = np.hypot(spread / np.sqrt(count), inertia_error * mean)
-        errors = shared.standard_errors(values, np.maximum(count - 1.0, 1.0))
+        errors = shared.standard_errors(values, count - 1.0)
         estimates = shared.impedance_estimates(mean, errors)
         return Model.of(ensemble, estimates=estimates, parameters=2.0)
 

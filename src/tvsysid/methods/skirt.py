@@ -189,8 +189,7 @@ class SkirtFit(NamedTuple):
         torque = ensemble.torque[:, ensemble.core]
         torque = torque - torque.mean()
         spectrum = np.fft.rfftfreq(ensemble.samples, 1 / ensemble.sampling_rate)
-        away = np.abs(np.subtract.outer(lines.frequencies, spectrum))
-        near = away <= max(NEAR_HZ, 1.5 / ensemble.duration)
+        near = np.abs(np.subtract.outer(lines.frequencies, spectrum)) <= NEAR_HZ
         counts = shared.independent_realizations(ensemble) * near.sum(axis=1)
         density = np.ones(len(near))  # as if noise were white, the first time
         columns = lines.columns(features, density)

@@ -172,10 +172,10 @@ class AdaptiveRegression(base.Method):
     ) -> AdaptiveModel:
         """Return the model. If there are known hypotheses, no others are searched for.
 
-        Stiffness is estimated beside a constant viscosity, then viscosity beside this stiffness. If
-        viscosity probably changes, this is repeated twice, with stiffness beside this viscosity.
-        The last time, the hypotheses are those of the time before. With a reflex, only stiffness is
-        estimated: the viscosity is that of the reflex's model.
+        Stiffness is estimated beside a constant viscosity, then viscosity beside this stiffness.
+        While viscosity probably changes, both are estimated again, each beside the other, at most
+        twice. The last time, the hypotheses are those of the time before. With a reflex, only
+        stiffness is estimated: the viscosity is that of the reflex's model.
         """
         signals = Signals.of_second_order(ensemble)
         if selection is not None:
@@ -215,7 +215,7 @@ def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage])
     """Return the model with the posterior of stiffness, and of viscosity if there is no reflex."""
     ensemble, signals, times = free.ensemble, free.signals, free.axis.times
     rate, reflex = ensemble.sampling_rate, signals.reflex
-    # Those of the noise's strength, which is estimated from the samples that it is pooled over
+    # Degrees of freedom: the strength of the noise is estimated from the samples it is pooled over.
     pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
     freedom = (signals.independent - 1.0) * pooled - 2
     estimates = {} if reflex is None else dict(reflex.estimates)
@@ -232,13 +232,13 @@ def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage])
     if reflex is None:
         inertia = free.constants[A - V], np.sqrt(free.covariance[A - V, A - V])
         values, errors = base.padded(np.full((times, 2), inertia), *signals.edges).T
-        of_all = (signals.independent - 1.0) * times - 2
+        total_freedom = (signals.independent - 1.0) * times - 2  # for a constant
         estimates["inertia"] = Estimate(
-            values, UNITS["inertia"], error=StandardError(errors, of_all, arc=0.0)
+            values, UNITS["inertia"], error=StandardError(errors, total_freedom, arc=0.0)
         )
         impedance = np.stack([estimates[each].values for each in IMPEDANCE], axis=1)
-        left, first = shared.second_order_residual(ensemble, impedance)
-        details["second_order_agreement"] = shared.residual_agreement(ensemble, left, first)
+        residual, first = shared.second_order_residual(ensemble, impedance)
+        details["second_order_agreement"] = shared.residual_agreement(ensemble, residual, first)
     missing = signals.edges[0]
     return AdaptiveModel(
         method=name,

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import tvsysid as tv
-from tvsysid.figures.style import TRUE_LINE, curve
+from tvsysid.figures.style import TRUE_LINE, curve, styled
 from tvsysid.methods.registry import STUDIED_METHODS
 from tvsysid.studies import PRESETS, closed_loop
 from tvsysid.studies.reflex import NAMES, ONE_PATH
@@ -58,6 +58,7 @@ def wave(time: Any) -> Any:
     return 80 + 25 * np.sin(np.pi * phase + 0.7) + 50 * ((phase >= 0.613) & (phase < 1.488))
 
 
+@styled
 def adaptive() -> Figure:
     joint = tv.simulate.Joint(stiffness=wave)
     simulation = joint.simulate(150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
@@ -69,6 +70,7 @@ def adaptive() -> Figure:
     return figure
 
 
+@styled
 def reflex() -> Figure:
     joint = tv.simulate.ReflexJoint(
         stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4)

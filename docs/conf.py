@@ -42,6 +42,7 @@ html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 highlight_language = "text"
+smartquotes = False  # options begin with two hyphens
 
 autosummary_generate = False
 autodoc_typehints = "none"

@@ -77,7 +77,7 @@ def identified_quantity(
     """Draw one quantity over time by the models, with 95 % bands, pointwise or ``simultaneous``."""
     figure, axes = style.panels(1, 1, 6.4, 3.4)
     draw_quantity(axes[0, 0], name, models, simultaneous)
-    return figure
+    return style.finish(figure)
 
 
 def draw_quantity(

@@ -253,9 +253,9 @@ class SegmentFit(NamedTuple):
         lags, total = shared.colour_lags(ensemble) + 1, float(self.power.sum())
         own = np.pad(self.power[len(self.power) // 2 :], (0, lags))[:lags]
         overlap = np.correlate(np.pad(self.power, (0, lags)), self.power)[:lags]
-        taken = 3 / len(ensemble) * (2 * own / total - overlap / total**2)
+        absorbed = 3 / len(ensemble) * (2 * own / total - overlap / total**2)
         filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-        _, factors = shared.noise_colour(ensemble, left, taken, filters, overlap / overlap[0])
+        _, factors = shared.noise_colour(ensemble, left, absorbed, filters, overlap / overlap[0])
         return np.asarray(factors * white)
 
     @property

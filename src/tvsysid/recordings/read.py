@@ -224,7 +224,7 @@ def _read_signals(
             f"{_listed({name: file_channels[name] for name in names.values()})}; name "
             "channels that were sampled together, or cut or resample them to one rate before"
         )
-    (((length, columns), segments),) = layouts
+    (length, columns), segments = layouts.pop()
     starts: tuple[int, ...] = (0,)
     if reading.columns == "trials":
         starts = segments or tuple(range(0, length * columns, length))

@@ -58,7 +58,7 @@ class Reading:
     sampling_rate
         Sampling rate in Hz.
     channels
-        Further channel, with the name that a method expects: ``emg=EMG_SIGNAL``. Repeatable.
+        Further channels by the name that a method expects: ``emg=EMG_SIGNAL``. Repeatable.
     columns
         Whether the columns of a matrix follow each other in time or are separate trials.
     torque_sign

@@ -116,24 +116,24 @@ def residual_agreement(ensemble: Ensemble, left: Array, first: int) -> float:
     return agreement_of_moments(float(fitted), cross, moments, float(unexplained), left.size)
 
 
-def noise_correlation(covariance: Array, taken: Array) -> Array:
+def noise_correlation(covariance: Array, absorbed: Array) -> Array:
     """Return the autocorrelation (lag,) of the noise from the autocovariance of a fit's residual.
 
-    ``taken`` says by how much the fit lowers the autocovariance at each lag, as shares of the
+    ``absorbed`` says by how much the fit lowers the autocovariance at each lag, as shares of the
     noise's variance.
     """
     if covariance[0] <= 0:
-        return np.asarray(np.arange(len(taken)) == 0, dtype=np.float64)
-    variance = covariance[0] / max(1 - taken[0], LEAST_LEFT)
-    return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + taken[1:]]))
+        return np.asarray(np.arange(len(absorbed)) == 0, dtype=np.float64)
+    variance = covariance[0] / max(1 - absorbed[0], LEAST_LEFT)
+    return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + absorbed[1:]]))
 
 
 def noise_colour(
     ensemble: Ensemble,
     left: Array,
-    taken: Array | float,
+    absorbed: Array | float,
     filters: Array,
-    seen: Array | float = 1.0,
+    overlap: Array | float = 1.0,
 ) -> tuple[Array, Array]:
     """Return the noise's autocorrelation (lag,), and factors (regressor,) of a fit's variances.
 
@@ -143,21 +143,21 @@ def noise_colour(
     ----------
     left
         Residual (realization, time) of the fit.
-    taken
+    absorbed
         Share of the noise's power that the fit would explain if its regressors were the same at all
         lags, (lag,) or one for all; for noise whose mean over realizations was not subtracted.
     filters
         Filters (regressor, tap) that give the regressors from lagged angles.
-    seen
+    overlap
         Share of the noise's products at each lag that enters the fit.
     """
     lags = colour_lags(ensemble)
     products = angle_products(ensemble.angle, filters.shape[1], lags)
     regressors = regressor_covariances(filters, products)
-    share = taken * len(ensemble) / independent_realizations(ensemble)
+    share = absorbed * len(ensemble) / independent_realizations(ensemble)
     correlated = np.asarray(share * regressor_correlation(regressors))
     noise = noise_correlation(autocovariance(left, lags), correlated)
-    return noise, colour_factors(regressors, noise * seen)
+    return noise, colour_factors(regressors, noise * overlap)
 
 
 def colour_lags(ensemble: Ensemble) -> int:

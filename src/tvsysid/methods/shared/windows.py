@@ -144,17 +144,17 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     lags = windows.weights.shape[1] // 2
     # The regressors of neighbouring samples are nearly independent. The fit therefore lowers the
     # variance of the residual, but not its autocovariance at other lags.
-    taken = np.zeros(2 * half + 1)
-    taken[0] = np.mean(windows.rank / windows.independent)
+    absorbed = np.zeros(2 * half + 1)
+    absorbed[0] = np.mean(windows.rank / windows.independent)
     left = autocovariance(residual(ensemble, windows.weights), 2 * half)
-    root = np.linalg.cholesky(toeplitz(noise_correlation(left, taken)))
+    root = np.linalg.cholesky(toeplitz(noise_correlation(left, absorbed)))
     angle, _, margin = _within_reach(ensemble, lags, half)
     times, cut = len(windows.fit), half - margin
     sums = []
     # Windows near the ends are cut short, each to another length.
     edges = [time for time in range(times + 1) if not cut < time < times - cut]
     for start, stop in pairwise(edges):
-        begin, end = max(0, start - cut), min(start - cut + len(taken), times + 2 * margin)
+        begin, end = max(0, start - cut), min(start - cut + len(absorbed), times + 2 * margin)
         u = sliding_window_view(angle, end - begin, axis=1)[
             :, begin : begin + stop - start + 2 * lags
         ]

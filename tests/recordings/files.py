@@ -213,6 +213,7 @@ def write_segdat(file, signals, kind, onsets, lengths):
 WRITERS = {
     "v5.mat": write_mat,
     "v73.mat": write_mat_73,
+    "plain.mat": write_hdf5,
     "ankle.csv": write_text,
     "ankle.tsv": write_text,
     "ankle.npz": write_npz,

@@ -166,14 +166,16 @@ def test_names_that_occur_twice_are_refused(tmp_path):
         "pos,tq,n\n0.5,-1,1\n1.25,2,2\n",
         "pos;tq;n\n0,5;-1;1\n1,25;2;2\n",
         "pos;tq;n\n0.5;-1;1\n1.25;2;2\n",
+        "pos;tq;n\r\n[°];N m;\r\n0,5;-1;1\r\n1,25;2;2\r\n",
     ],
 )
 def test_text_with_and_without_names_by_commas_or_semicolons(tmp_path, text):
-    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     recording = read(tmp_path / "a.csv", angle_unit="deg")
+    assert describe_file(tmp_path / "a.csv")["tq"].unit == "N m" * ("N m" in text)
     np.testing.assert_allclose(np.degrees(recording.angle), [0.5, 1.25])
     np.testing.assert_array_equal(recording.torque, [-1, 2])
-    (tmp_path / "a.csv").write_text(text.partition("\n")[2])
+    (tmp_path / "a.csv").write_text(text[text.index("0") :])
     bare = read(tmp_path / "a.csv", angle="1", torque="2", angle_unit="deg")
     np.testing.assert_array_equal(bare.angle, recording.angle)
 

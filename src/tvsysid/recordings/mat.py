@@ -13,8 +13,9 @@ from scipy.io.matlab import matfile_version
 
 from tvsysid.errors import InputError
 from tvsysid.recordings.channel import Channel, channel_of, numbered, padded, stated_rate
-from tvsysid.recordings.hdf5 import check_whole
+from tvsysid.recordings.hdf5 import check_whole, read_hdf5
 
+HDF5 = b"\x89HDF\r\n\x1a\n"  # how an HDF5 file begins
 SEGMENTS = ("onsetPointer", "segLength")  # first samples, counted from 1, and lengths, of a segdat
 NO_SEGMENTS = (
     "a segdat whose segments cannot be read; in MATLAB: s = struct('dataSet', z.dataSet, "
@@ -24,11 +25,15 @@ NO_SEGMENTS = (
 
 
 def read_mat(file: Path) -> Iterator[tuple[str, Channel]]:
-    """Read variables of a MAT file by name, matrices as time x trial.
+    """Read variables of a MAT file by name, matrices as time x trial. It may be any HDF5 file.
 
     The fields of a structure are channels ``name.field``. The channels of an ``nldat`` object are
     ``name.channel``, with the units and the increment of time that it states.
     """
+    with file.open("rb") as stream:
+        if stream.read(len(HDF5)) == HDF5:  # without the header that MATLAB writes before it
+            yield from read_hdf5(file)
+            return
     if matfile_version(file)[0] == 2:  # version 7.3 is HDF5
         check_whole(file)
     with warnings.catch_warnings(record=True) as caught:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.recordings.channel import Channel, channel_of, stated, timed
+from tvsysid.recordings.channel import Channel, channel_of, padded, stated, timed
 
 HEAD_LENGTH = 1_000_000  # characters that hold the first line
 MISSING = ("", "n/a", "N/A", "NA")  # cells of a line of numbers
@@ -21,25 +21,28 @@ MISSING = ("", "n/a", "N/A", "NA")  # cells of a line of numbers
 def read_text(file: Path) -> Iterator[tuple[str, Channel]]:
     """Read columns by the names in the first line, or by number, 1, 2, ..., if it holds numbers.
 
-    Semicolons may separate the columns of a CSV file; its numbers may have decimal commas then.
+    A second line without numbers holds the units. Semicolons may separate the columns of a CSV
+    file; its numbers may have decimal commas then.
     """
-    names, columns = _read_table(file)
-    for number, values in enumerate(columns, start=1):
-        yield names[number - 1] if names else str(number), channel_of(values)
+    names, units, columns = _read_table(file)
+    for number, values in enumerate(columns):
+        name = names[number] if names else str(number + 1)
+        yield name, channel_of(values, units[number])
 
 
-def _read_table(file: Path) -> tuple[list[str], list[Any]]:
-    """Return the names in the first line, none if it holds numbers, and each column's values."""
+def _read_table(file: Path) -> tuple[list[str], list[str], list[Any]]:
+    """Return the names in the first line, none if it holds numbers, units and columns."""
     with file.open(encoding="utf-8-sig", errors="replace") as stream:
         head = stream.read(HEAD_LENGTH).strip(" \r\n")
-    line = head.partition("\n")[0]
+    line, *further = head.split("\n", 2)[:2]
     separator, decimal = "\t" if file.suffix.lower() == ".tsv" else ",", "."
     is_split = ";" in line and ("," not in line or _are_numbers(line.split(";")))
     if is_split and separator == ",":
         separator, decimal = ";", "," if "," in head else "."
-    (row,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
-    first = [cell.strip() for cell in row]
+    rows = csv.reader([line, *further, ""], delimiter=separator, skipinitialspace=True)
+    first, second, *_ = ([cell.strip() for cell in row] for row in rows)
     has_names = not _are_numbers(first)
+    has_units = has_names and bool(second) and not any(_are_numbers([cell]) for cell in second)
     import pandas as pd  # noqa: PLC0415  # heavy
 
     with warnings.catch_warnings():
@@ -48,7 +51,7 @@ def _read_table(file: Path) -> tuple[list[str], list[Any]]:
             file,
             sep=separator,
             decimal=decimal,
-            header=0 if has_names else None,
+            header=int(has_units) if has_names else None,
             names=range(len(first)),
             index_col=False,
             skipinitialspace=True,
@@ -56,7 +59,8 @@ def _read_table(file: Path) -> tuple[list[str], list[Any]]:
             low_memory=False,
         )
     names = [cell or f"Unnamed: {number}" for number, cell in enumerate(first) if has_names]
-    return names, [values.to_numpy() for _, values in table.items()]
+    units = padded(second if has_units else [], len(first))
+    return names, units, [values.to_numpy() for _, values in table.items()]
 
 
 def _are_numbers(cells: list[str]) -> bool:
@@ -73,7 +77,7 @@ def read_motion(file: Path) -> Iterator[tuple[str, Channel]]:
     Units are those of that file. The rate is the ``SamplingFrequency`` of ``…_motion.json``, or
     that of the times in a channel of type LATENCY.
     """
-    names, columns = _read_table(file)
+    names, _, columns = _read_table(file)
     stem = file.name.removesuffix("_motion.tsv")
     described, settings = (file.with_name(stem + end) for end in ("_channels.tsv", "_motion.json"))
     if names:

@@ -1,7 +1,6 @@
 """Adaptive regression: its small matrices against dense Gaussian processes, and what it finds."""
 
 import pickle
-import warnings
 from functools import cache
 from types import SimpleNamespace
 
@@ -21,13 +20,7 @@ from tvsysid.methods.adaptive.regression import Signals
 from tvsysid.numerics.differentiation import differentiate
 
 METHOD = tv.AdaptiveRegression()
-
-
-@pytest.fixture(autouse=True)
-def _ignore_warnings():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DataQualityWarning)
-        yield
+pytestmark = pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 
 
 def dense_posterior(estimate, covariance, candidate):

@@ -1,22 +1,12 @@
 """The search for switches, and what adaptive finds of several."""
 
-import warnings
-
 import attrs
 import numpy as np
 import pytest
 from tests.methods.free_estimates import estimate_of
 
-import tvsysid as tv
 from tvsysid.methods.adaptive import averaging, evidence, prior, search
 from tvsysid.methods.adaptive.model import switches_of
-
-
-@pytest.fixture(autouse=True)
-def _ignore_warnings():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", tv.DataQualityWarning)
-        yield
 
 
 @pytest.mark.slow

@@ -249,9 +249,9 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
     smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
     smeared = [attrs.evolve(estimate, axis=axis) for axis in (*smears, usual)]
     fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
-    *totals, total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
+    *totals, usual_total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
     log_prior = -math.log(len(smears))
-    if max(totals) + log_prior < total - MAX_SMEAR_LOSS:
+    if max(totals) + log_prior < usual_total - MAX_SMEAR_LOSS:
         return found
     other = smeared[totals.index(max(totals))]
     smooths = distinct_fits(other, [each.prior for each in found.hypotheses])

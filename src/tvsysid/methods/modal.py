@@ -134,14 +134,14 @@ class ModalDecomposition(base.Method):
                     )
         count = np.isfinite(found).sum(axis=0)
         mean, spread = mean_and_spread(found)
-        values = np.hypot(spread / np.sqrt(count), inertia_error * mean)
+        values = np.hypot(spread / np.sqrt(count), inertia_error / whole[-1] * mean)
         errors = shared.standard_errors(values, count - 1.0)
         estimates = shared.impedance_estimates(mean, errors)
         return Model.of(ensemble, estimates=estimates, parameters=2.0)
 
 
 def mean_impedance(ensemble: Ensemble) -> tuple[Array, float]:
-    """Return mean stiffness, viscosity and inertia (3,), and the relative error of the inertia."""
+    """Return mean stiffness, viscosity and inertia (3,), and the standard error of the inertia."""
     width = SMOOTHING_S * ensemble.sampling_rate
     smoothed = attrs.evolve(
         ensemble,
@@ -151,7 +151,7 @@ def mean_impedance(ensemble: Ensemble) -> tuple[Array, float]:
     estimates = BasisIRF(basis=FourierSeries(HARMONICS)).fit(smoothed).estimates
     mean = np.array([mean_of(each.values) for each in estimates.values()])
     error = estimates["inertia"].standard_error.values  # type: ignore[union-attr]  # birf has one
-    return mean, mean_of(error) / abs(mean[-1])
+    return mean, mean_of(error)
 
 
 def track(

@@ -51,7 +51,7 @@ def test_simulate_then_identify(tvsysid, tmp_path):
     assert tvsysid("report found found --sheet") == (0, "wrote sheet.html to found/\n", "")
     for command, message in (
         ("report found found", "several folders are visits of one person: add --sheet"),
-        ("report found", "wrote its report already"),
+        ("report found", "no results of `tvsysid benchmark` or `experiment`"),
     ):
         code, _, err = tvsysid(command)
         assert code == 2

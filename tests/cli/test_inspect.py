@@ -51,8 +51,8 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     code, out, err = tvsysid(f"inspect joint.mat --diagnose {IDENTIFY}")
     assert (code, err) == (0, "")
     assert (
-        "joint.mat (angle, torque): 28 realizations of 2 s at 1000 Hz: no fault found in 29 of 32 "
-        "checks" in out
+        "joint.mat (angle, torque): Diagnosis of 28 realizations of 2 s at 1000 Hz: no fault found "
+        "in 29 of 32 checks" in out
     )
     assert (
         "not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)"
@@ -67,9 +67,9 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     code, out, err = tvsysid(f"inspect joint.mat --diagnose {options}")
     assert (code, err) == (0, "")
     for words in (
-        "reversed-torque (-",
+        "- reversed-torque: the mean stiffness is -",
         "add --torque-sign -1",
-        "wrong-period (",
+        "- wrong-period: stiffness ",
         "varies by",
     ):
         assert words in out

@@ -217,13 +217,13 @@ def _identify_one(
 def _show_warnings(texts: Iterable[str]) -> None:
     """Print the first of the warnings that differ in the method and in numbers alone."""
     alike: dict[str, dict[str, str]] = {}
-    for each in texts:
-        label, _, text = each.partition(": ")
-        alike.setdefault(re.sub(r"\d", "", text), {}).setdefault(label, text)
+    for text in texts:
+        label, _, reason = text.partition(": ")
+        alike.setdefault(re.sub(r"\d", "", reason), {}).setdefault(label, text)
     for texts_by_label in alike.values():
-        (label, text), *others = texts_by_label.items()
-        also = f" (similarly {', '.join(name for name, _ in others)})" if others else ""
-        remark("warning", f"{label}: {text}{also}")
+        first, *others = texts_by_label
+        also = f" (similarly {', '.join(others)})" if others else ""
+        remark("warning", texts_by_label[first] + also)
 
 
 def _source(file: Path, reading: Reading) -> dict[str, str]:

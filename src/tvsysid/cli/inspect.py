@@ -131,14 +131,7 @@ def _show_diagnosis(
         name = f"{file.name} ({reading.angle}, {reading.torque})"
         pictures = {name: recording_illustration(recording, prepared.ensemble)}
         write_diagnosis(page, {name: diagnosis}, command_line(), pictures)
-    say(f"{name}: {diagnosis.ensemble}: {diagnosis.verdict}")
-    for check in diagnosis.findings:
-        say(f"{check.name} ({check.strength})", "bold")
-        say(f"  found:  {check.what}")
-        say(f"  effect: {check.fault.effect}")
-        say(f"  remedy: {check.fault.remedy}")
-    for line in diagnosis.notes:
-        say(line)
+    say(f"{name}: {diagnosis!r}")
     if repeats:
         with errors.status("choosing a method"):
             recommendation = recommend(ensemble, reference, diagnosis=diagnosis)

@@ -80,8 +80,7 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
         options = {option_name(name): value for name, value in saved.items()}
         use = Dict(options, source=str(paths[0]), use_commands_as_keys=False)
         use(app, commands, arguments)
-        every = " for all recordings" * (len(typed) > 1 or typed[0].is_dir())
-        say(f"settings of {paths[0]}{every}; options override them")
+        say(f"settings of {paths[0]}; options override them")
 
 
 def rate_options(rate: float | None) -> str:

@@ -46,9 +46,11 @@ def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
         return
     if folders:
         raise InputError("several folders are visits of one person: add --sheet")
-    if (folder / "models.nc").exists():
+    if folder.is_dir() and not (folder / "results.nc").exists():
         raise InputError(
-            f"{folder}: `tvsysid identify` wrote its report already; --sheet makes a sheet of it"
+            f"{folder}: no results of `tvsysid benchmark` or `experiment`; if one was interrupted, "
+            "repeat its command. `identify` and `plan` write all that they find at once; --sheet "
+            "makes a sheet of folders of `identify`"
         )
     results = read_results(folder)
     if results.attrs["title"] == EXPERIMENT:

@@ -23,7 +23,9 @@ def actuate(drive: Array, rate: float) -> Array:
     motion = np.empty((3, len(drive)))
     for row, numerator in enumerate(numerators):
         motion[row] = scipy.signal.lfilter(numerator, denominator, drive)
-    motion[2] = stiffness * (drive - motion[0]) - damping * motion[1]
+    np.subtract(drive, motion[0], out=motion[2])
+    motion[2] *= stiffness
+    motion[2] -= damping * motion[1]
     return motion
 
 

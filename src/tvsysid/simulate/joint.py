@@ -45,16 +45,18 @@ def impose(
 
     The ``channels`` are a function of the angle's velocity. The ``gain`` is that of the reflex.
     """
-    angle, velocity, acceleration = actuate(conditions.drive(), conditions.rate)
-    torque = truth["inertia"] * acceleration + truth["viscosity"] * velocity
+    motion = actuate(conditions.drive(), conditions.rate)
+    motion *= conditions.angle_scale(motion[0])
+    angle, velocity, acceleration = motion
+    torque = truth["inertia"] * acceleration
+    torque += truth["viscosity"] * velocity
     torque += truth["stiffness"] * angle
-    scale = conditions.angle_scale(angle)
-    pathways, velocity = {"intrinsic": scale * torque}, scale * velocity
+    pathways = {"intrinsic": torque}
     if reflex is not None:
         pathways["reflex"] = reflex.torque(velocity, gain, conditions.rate)
     noise = conditions.noise(noise_bandwidth)
     noise *= conditions.noise_scale(sum(pathways.values()), noise)
-    return conditions.simulation(scale * angle, noise, pathways, truth, channels(velocity))
+    return conditions.simulation(angle, noise, pathways, truth, channels(velocity))
 
 
 @attrs.frozen

@@ -109,13 +109,13 @@ def over_time(profile: float | Profile, time: Array, rate: float) -> Array:
     number of samples.
     """
     exact = rate * (getattr(profile, "period", None) or 0.0)
-    cycle, index = round(exact), np.rint(time * rate).astype(np.int64)
+    cycle = round(exact)
     if 0 < cycle < len(time) and abs(exact - cycle) < 1e-9 * cycle:
-        return over_time(profile, np.arange(cycle) / rate, rate)[index % cycle]
+        index = np.rint(time * rate).astype(np.int64)
+        return evaluate(profile, np.arange(cycle) / rate)[index % cycle]
     return evaluate(profile, time)
 
 
 def evaluate(function: float | Profile, argument: Array) -> Array:
     """Return the values of a number or function. One value holds for all arguments."""
-    values = function(argument) if callable(function) else function
-    return np.broadcast_to(np.asarray(values, dtype=np.float64), argument.shape)
+    return np.full(argument.shape, function(argument) if callable(function) else function, float)

@@ -145,7 +145,7 @@ def _show_identify_command(file: Path, channels: Mapping[str, Channel]) -> None:
     rate = rates.pop() if len(rates) == 1 else None
     words = ["identify", shlex.quote(str(file))]
     for own in ("angle", "torque"):
-        found = [name for name in channels if own in name.lower()]
+        found = [own] if own in channels else [name for name in channels if own in name.lower()]
         words += [f"--{own}", shlex.quote(found[0]) if len(found) == 1 else "CHANNEL"]
     say(f"identify it with\ntvsysid {' '.join(words)} {rate_options(rate)} --period SECONDS")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):

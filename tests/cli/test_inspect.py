@@ -13,7 +13,7 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     assert ["angle", "4000 x 1, 1000 Hz"] in rows_of(out)
     assert ["sampling_rate", "1 x 1"] in rows_of(out)
     assert "wrote tvsysid-inspect/joint.mat.png" in out
-    options = "--angle angle --torque CHANNEL --rate 1000 --decimate 100 --period SECONDS"
+    options = "--angle angle --torque torque --rate 1000 --decimate 100 --period SECONDS"
     assert f"identify it with\ntvsysid identify joint.mat {options}" in out
     assert (tmp_path / "tvsysid-inspect" / "joint.mat.png").stat().st_size > 5000
     assert tvsysid("inspect joint.mat --plot deep/joint.svg")[0] == 0

@@ -17,8 +17,17 @@ from tvsysid.cli.options import option_name, use_saved_settings
 from tvsysid.errors import DataQualityWarning, InputError
 
 COMMANDS = (
-    *("benchmark", "leaderboard", "experiment", "report", "identify", "explore", "inspect"),
-    *("methods", "check_method", "simulate", "plan"),
+    "benchmark",
+    "leaderboard",
+    "experiment",
+    "report",
+    "identify",
+    "explore",
+    "inspect",
+    "methods",
+    "check_method",
+    "simulate",
+    "plan",
 )
 INTERRUPTED = "interrupted. Finished work is kept. To resume a study, run the same command again"
 

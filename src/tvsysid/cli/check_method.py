@@ -25,13 +25,10 @@ def check_method(method: str, /) -> int:
     from tvsysid.check import check_method as check
     from tvsysid.methods import parse
 
-    passed = True
-    for item in check(parse(method)):
-        if item.passed:
-            say(f"✓ {item.name}: {item.message}")
-        else:
-            passed = False
-            say(f"✗ {item.name}: {item.message}", "red")
+    results = check(parse(method))
+    for item in results:
+        say(f"{'✓' if item.passed else '✗'} {item.name}: {item.message}")
+    passed = all(item.passed for item in results)
     advice = f"passes; use it: tvsysid benchmark --method {method}"
     say(f"{method} {advice if passed else 'does not pass'}")
-    return 0 if passed else 1
+    return int(not passed)

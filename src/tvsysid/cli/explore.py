@@ -54,8 +54,13 @@ def explore(
     """
     from tvsysid.explorer import explore as open_page
 
-    settings = given(**attrs.asdict(reading), **attrs.asdict(segmentation))
-    page = open_page(file, port=port, method=method, align_channels=align_channels, **settings)
+    page = open_page(
+        file,
+        port=port,
+        method=method,
+        align_channels=align_channels,
+        **given(**attrs.asdict(reading), **attrs.asdict(segmentation)),
+    )
     say(f"{file.name} is explored at {page.url} (Ctrl-C ends it)")
     if browser:
         webbrowser.open(page.url)

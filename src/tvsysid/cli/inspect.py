@@ -77,8 +77,8 @@ def inspect(
     from tvsysid.recordings.write import checked
 
     channels = describe_file(file)
-    default = Path("tvsysid-inspect") / f"{file.name}.png"
-    picture = checked(plot or default, ".png", ".pdf", ".svg")
+    plot = plot or Path("tvsysid-inspect") / f"{file.name}.png"
+    picture = checked(plot, ".png", ".pdf", ".svg")
     records = [{"name": name, "content": each.described} for name, each in channels.items()]
     show_table(file.name, records, {"channel": "name", "content": "content"})
     try:

@@ -20,8 +20,8 @@ def methods() -> None:
             "settings": ", ".join(method.settings).replace(" = ", "="),
         }
         lines = [f"{name}: {text}" for name, text in details.items() if text]
-        about = "\n".join([method.title, *lines, ""])
-        groups.setdefault(method.purpose, []).append({"key": key, "about": about})
+        record = {"key": key, "about": "\n".join([method.title, *lines, ""])}
+        groups.setdefault(method.purpose, []).append(record)
     for purpose, records in groups.items():
         show_table(f"For {purpose}", records, {"key": "key", "method": "about"})
     say(

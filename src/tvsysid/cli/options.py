@@ -69,9 +69,9 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     typed = [Path(token.value) for name in FILES for token in tokens.get(name, ())]
     paths = [path for path in map(settings_file, recordings_in(typed)) if path.is_file()]
     if paths:
-        saved, *others = map(saved_settings, paths)
-        for path, other in zip(paths[1:], others, strict=True):
-            if other != saved:
+        saved = saved_settings(paths[0])
+        for path in paths[1:]:
+            if saved_settings(path) != saved:
                 raise InputError(
                     f"{paths[0]} and {path} differ; identify these recordings one at a time"
                 )

@@ -92,13 +92,12 @@ def plan(
     from tvsysid.validators import with_settings
 
     joint = given(system=system, stiffness=stiffness, noise=noise, snr_db=snr)
-    if pilot is None and reading != Reading():
-        raise InputError(
-            "options that describe a recording (such as --angle and --rate) need --pilot FILE"
-        )
     if pilot is None:
-        cutting = given(period=segmentation.period, rate=segmentation.decimate)
-        first = Protocol(**joint, **cutting)
+        if reading != Reading():
+            raise InputError(
+                "options that describe a recording (such as --angle and --rate) need --pilot FILE"
+            )
+        first = Protocol(**joint, **given(period=segmentation.period, rate=segmentation.decimate))
     elif joint:
         raise InputError(
             f"--pilot {pilot}: the pilot shows system, stiffness and noise; leave out --system, "
@@ -161,8 +160,8 @@ def _show(found: Plan) -> None:
         records = []
         for each in rows:
             record, bias = each.duration if each.realizations else None, found.multiple * each.bias
-            both = math.hypot(each.half_width, bias)
-            records.append(each._asdict() | {"record": record, "bias": bias, "both": both})
+            shown = {"record": record, "bias": bias, "both": math.hypot(each.half_width, bias)}
+            records.append(each._asdict() | shown)
         show_table(setup, records, columns)
         for each in rows:
             if each.why:

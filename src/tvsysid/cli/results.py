@@ -47,10 +47,8 @@ def show_study(written: Written, results: xr.Dataset, out: Path, by: str, need: 
     from tvsysid.report import problems
 
     if written.answers is not None:
-        answers = written.answers.to_dict("records")
-        show_table(
-            "stiffness to report", answers, {name: name for name in map(str, written.answers)}
-        )
+        columns = {name: name for name in map(str, written.answers)}
+        show_table("stiffness to report", written.answers.to_dict("records"), columns)
     groups = written.summary.groupby(by, sort=False)
     for name, summary in list(groups)[:MAX_TABLES]:
         labels = [each for each in ("method", "realizations") if each in summary]
@@ -61,9 +59,8 @@ def show_study(written: Written, results: xr.Dataset, out: Path, by: str, need: 
         say(f"and {len(groups) - MAX_TABLES} more in summary.csv and report.html")
     studied = written.claims[written.claims.verdict != "not studied"]
     missing = len(written.claims) - len(studied)
-    more = f"; {missing} more need {need}" if missing else ""
-    columns = {"claim": "claim", "verdict": "verdict"}
-    show_table(f"published claims{more}", studied.to_dict("records"), columns)
+    title = f"published claims; {missing} more need {need}" if missing else "published claims"
+    show_table(title, studied.to_dict("records"), {"claim": "claim", "verdict": "verdict"})
     for label, diagnosis in written.diagnoses.items():
         if names := ", ".join(finding.name for finding in diagnosis.findings):
             remark("warning", f"{label}: {names} (diagnosis.html says what to do)")

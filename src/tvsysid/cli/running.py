@@ -30,14 +30,14 @@ def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: 
     """
     from tvsysid.study import run
 
-    inputs["workers"] = workers.workers
+    count = workers.workers
     with ExitStack() as stack:
         if workers.scheduler is not None:
             client = stack.enter_context(_dask_client(workers.scheduler))
             inputs["executor"] = client.get_executor(pure=False)
-            inputs["workers"] = workers.workers or sum(client.nthreads().values())
+            count = count or sum(client.nthreads().values())
         advance = stack.enter_context(shown_progress("running"))
-        return run(study, out, progress=advance, **inputs)
+        return run(study, out, workers=count, progress=advance, **inputs)
 
 
 def _dask_client(scheduler: str) -> Any:

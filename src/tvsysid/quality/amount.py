@@ -53,8 +53,9 @@ def few_realizations(data: FittedEnsemble) -> Measured:
 def weak_answer(data: FittedEnsemble) -> Measured:
     """Return the share of the torque that a second-order joint explains."""
     share = 100 * data.fit.explained
-    what = f"stiffness, viscosity and inertia explain {share:.1f} % of the torque's variance"
-    return Measured(share, what)
+    return Measured(
+        share, f"stiffness, viscosity and inertia explain {share:.1f} % of the torque's variance"
+    )
 
 
 @check(

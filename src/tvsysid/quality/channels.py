@@ -59,8 +59,11 @@ def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
 def reversed_torque(data: FittedEnsemble) -> Measured:
     """Return the mean stiffness."""
     (value, *_), (error, *_) = _impedance(data)
-    what = f"the mean stiffness is {value:.3g} ± {error:.2g} N·m/rad"
-    return Measured(value, what, value < -SIGNIFICANT_ERRORS * error)
+    return Measured(
+        value,
+        f"the mean stiffness is {value:.3g} ± {error:.2g} N·m/rad",
+        value < -SIGNIFICANT_ERRORS * error,
+    )
 
 
 @check(
@@ -77,8 +80,9 @@ def reversed_torque(data: FittedEnsemble) -> Measured:
 def angle_unit(data: FittedEnsemble) -> Measured:
     """Return the size of the movement."""
     size = data.core("angle").std()
-    what = f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
-    return Measured(size, what)
+    return Measured(
+        size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
+    )
 
 
 @check(

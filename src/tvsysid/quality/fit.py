@@ -89,8 +89,8 @@ class SecondOrderFit:
     @cached_property
     def explained(self) -> float:
         """Share of the torque's power that the fit explains, 0 for a torque of zero."""
-        total = float(np.sum(self.torque**2))
-        return (total - float(np.sum(self.residual**2))) / max(total, TINY)
+        total = np.sum(self.torque**2)
+        return float((total - np.sum(self.residual**2)) / max(total, TINY))
 
     @property
     def mean_impedance(self) -> tuple[Array, Array]:

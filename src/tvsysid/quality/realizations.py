@@ -355,8 +355,6 @@ def lines(scores: Array, ensemble: Ensemble) -> tuple[Array, Array, Array]:
     spectra = scores @ np.exp(np.outer(np.arange(samples) / rate, turns))
     alone = np.sum(np.abs(spectra) ** 2, axis=0)
     spectra *= np.exp(np.outer(np.round(ensemble.onsets * rate) / rate, turns))
-    of_trials = [
-        spectra[ensemble.trials == each].sum(axis=0) for each in np.unique(ensemble.trials)
-    ]
-    power = np.sum(np.abs(of_trials) ** 2, axis=0)
+    is_of_trial = ensemble.trials == np.unique(ensemble.trials)[:, None]
+    power = np.sum(np.abs(is_of_trial @ spectra) ** 2, axis=0)
     return frequencies, power / np.maximum(alone, TINY), power

@@ -47,8 +47,8 @@ class Lagged(NamedTuple):
 Solver = Callable[[Array, Array, Array, int], Array]
 
 
-def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> tuple[Array, float]:
-    """Return weights (time, lag) of all lagged signals, and the share of the square they explain.
+def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> Array:
+    """Return weights (time, lag) of all lagged signals.
 
     In each turn, the intrinsic pathway is fitted to the torque that the reflex leaves, then the
     reflex to the torque that the intrinsic pathway leaves. The last turn is the one before one that
@@ -68,7 +68,7 @@ def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> tuple[Array, f
         if not share >= explained + min_gain:
             break
         best, explained = weights, share
-    return best, explained
+    return best
 
 
 def solve_by_basis(

@@ -94,7 +94,7 @@ class AlternatingCascade(TwoPathwayMethod):
             explained = float(cross @ solve_regularized(gram, cross))
             tried.append((explained, drive, past, lagged))
         _, drive, past, lagged = max(tried, key=itemgetter(0))
-        weights, _ = alternate(lagged, self.solver(ensemble), self.min_gain)
+        weights = alternate(lagged, self.solver(ensemble), self.min_gain)
         reflex = weights[:, lagged.lags :]
         left = torque - convolve_lags(past, reflex)
         joint = attrs.evolve(

@@ -15,7 +15,7 @@ from scipy.linalg import convolution_matrix, toeplitz
 from scipy.ndimage import correlate1d
 
 from tvsysid.errors import InputError
-from tvsysid.methods.base import missing_edge
+from tvsysid.methods.base import fitting_lags, missing_edge
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
@@ -28,6 +28,7 @@ BAND = 0.6
 RECORDED_HALF_WIDTH = 8  # samples to either side of derivatives at the recorded rate
 FITTED_BAND = (0.5, 15.0)  # Hz, of the second-order fit to the intrinsic response
 NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
+MAX_LAG_S = 0.04  # of the intrinsic response, to either side
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 MAX_SUMMED = 512  # samples of a realization up to which sums over realizations come first
@@ -67,15 +68,6 @@ def second_order_fit(lags: Array) -> Array:
     response = np.exp(-1j * np.outer(omega, lags))
     joint, response = (np.concatenate([each.real, each.imag]) for each in (joint, response))
     return np.asarray(np.linalg.pinv(joint) @ response)
-
-
-def readout(lags: int, rate: float) -> Array:
-    """Return weights (quantity, signal) that turn coefficients into stiffness to inertia.
-
-    The coefficients are those of the :func:`intrinsic_filters`; see :func:`second_order_fit`.
-    """
-    fit = second_order_fit(np.arange(-lags, lags + 1) / rate)
-    return np.asarray(fit @ intrinsic_filters(lags, rate).T)
 
 
 def deviations(values: Array) -> Array:
@@ -207,9 +199,9 @@ class Data:
     true_noise: Array | None = None
 
     @classmethod
-    def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int], lags: int) -> Data:
+    def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int]) -> Data:
         """Return the realizations and times with most samples whose past is recorded."""
-        rate = ensemble.sampling_rate
+        rate, lags = ensemble.sampling_rate, fitting_lags("JointCascade", MAX_LAG_S, ensemble)
         signals = filtered(ensemble.angle, intrinsic_filters(lags, rate))
         signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
         edge = missing_edge(lags, ensemble)
@@ -239,6 +231,25 @@ class Data:
             rows=rows,
             times=times,
         )
+
+    @property
+    def lags(self) -> Array:
+        """Return the lags of the intrinsic response in s."""
+        reach = round(MAX_LAG_S * self.rate)
+        return np.arange(-reach, reach + 1) / self.rate
+
+    @property
+    def filters(self) -> Array:
+        """Return the :func:`intrinsic_filters`."""
+        return intrinsic_filters(len(self.lags) // 2, self.rate)
+
+    @property
+    def readout(self) -> Array:
+        """Return weights (quantity, signal) that turn coefficients into stiffness to inertia.
+
+        See :func:`second_order_fit`.
+        """
+        return np.asarray(second_order_fit(self.lags) @ self.filters.T)
 
     @property
     def folds(self) -> list[slice]:

@@ -76,7 +76,7 @@ class Fit:
 
     @parameters.default
     def _tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
-        return self.prior.tuned(self.moments, start)
+        return self.prior.tuned(start)
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
@@ -132,12 +132,13 @@ class Fit:
     @property
     def prior(self) -> Prior:
         """Return the prior of the coefficients."""
-        return Prior.of(np.diff([*self.data.starts, self.data.own, len(self.moments.cross)]))
+        ends = *self.data.starts, self.data.own, len(self.moments.cross)
+        return Prior.of(np.diff(ends), self.moments)
 
     @cached_property
     def spread(self) -> Array:
         """Return the prior standard deviations of the coefficients relative to the noise."""
-        return self.prior.spread(self.moments, self.parameters)
+        return self.prior.spread(self.parameters)
 
     @cached_property
     def posterior(self) -> Posterior:
@@ -290,8 +291,6 @@ def log_evidence(found: Posterior, square: float) -> float:
 
 def nearest_inside(point: Array, normals: Array) -> Array:
     """Return the nearest point whose products with no column of ``normals`` are negative."""
-    if not (point @ normals < 0).any():
-        return point
     size, sizes = np.linalg.norm(point), np.linalg.norm(normals, axis=0)
     unit = normals / np.maximum(sizes, np.finfo(float).tiny)
     return np.asarray(point + size * (unit @ scipy.optimize.nnls(unit, -point / size)[0]))
@@ -300,18 +299,17 @@ def nearest_inside(point: Array, normals: Array) -> Array:
 class Prior(NamedTuple):
     r"""Prior of the coefficients: their log standard deviations relative to the noise.
 
-    These are ``offset + design @ parameters`` for columns of unit RMS. Each family of columns has
-    three parameters: the size of its constant, and :math:`\log\gamma` and :math:`\nu`, which give
-    :math:`\log\gamma - \nu \log h` for its h-th harmonic. ``first`` (column,) is the column of each
-    family that is not modulated.
+    These are ``offset + design @ parameters``. Each family of columns has three parameters: the
+    size of its constant, and :math:`\log\gamma` and :math:`\nu`, which give
+    :math:`\log\gamma - \nu \log h` for its h-th harmonic. Sizes are those for columns of unit RMS.
     """
 
+    moments: Moments
     offset: Array
     design: Array
-    first: NDArray[np.int64]
 
     @staticmethod
-    def of(sizes: NDArray[np.int64]) -> Prior:
+    def of(sizes: NDArray[np.int64], moments: Moments) -> Prior:
         """Return the prior of the coefficients of signals, and of a reflex's gain, which is last.
 
         There are so many of each: a constant, and two for each harmonic. Constants of stiffness,
@@ -324,21 +322,21 @@ class Prior(NamedTuple):
         weights = (order == 0) & ~is_flat, order > 0, -np.log(order.clip(1))
         design = np.concatenate([is_own * each[:, None] for each in weights], axis=1)
         first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
-        return Prior(FLAT_LOG_SIZE * is_flat, design, first)
-
-    def spread(self, moments: Moments, parameters: Array) -> Array:
-        """Return the standard deviations of the coefficients relative to the noise."""
-        power = np.diag(moments.gram)[self.first] / moments.number
+        power = np.diag(moments.gram)[first] / moments.number
         scale = np.sqrt(np.where(power > 0, power, 1.0))
-        return np.asarray(np.exp(self.offset + self.design @ parameters) / scale)
+        return Prior(moments, FLAT_LOG_SIZE * is_flat - np.log(scale), design)
 
-    def tuned(self, moments: Moments, start: Array) -> Array:
+    def spread(self, parameters: Array) -> Array:
+        """Return the standard deviations of the coefficients relative to the noise."""
+        return np.asarray(np.exp(self.offset + self.design @ parameters))
+
+    def tuned(self, start: Array) -> Array:
         """Return the parameters of greatest evidence near a start."""
 
         def cost(parameters: Array) -> tuple[float, Array]:
-            found, off = ridge(moments, self.spread(moments, parameters)), decays_off(parameters)
+            found, off = ridge(self.moments, self.spread(parameters)), decays_off(parameters)
             slope = 2 * found.by_variances @ self.design - off / DECAY_SPREAD
-            return 0.5 * float(off @ off) - log_evidence(found, moments.square), -slope
+            return 0.5 * float(off @ off) - log_evidence(found, self.moments.square), -slope
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(

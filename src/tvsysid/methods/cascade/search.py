@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, lru_cache
-from itertools import product
 from typing import NamedTuple
 
 import attrs
@@ -14,8 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tvsysid.errors import InputError
-from tvsysid.methods.base import fitting_lags
-from tvsysid.methods.cascade.columns import Data, deviations, readout
+from tvsysid.methods.cascade.columns import Data, deviations
 from tvsysid.methods.cascade.fit import DAMPING, FREQUENCY, THRESHOLD, USUAL_PARAMETERS, Fit
 from tvsysid.methods.cascade.pathways import MeasuredChannel, Stretch, history
 from tvsysid.methods.cascade.reflex_test import (
@@ -27,17 +25,16 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Ensemble
 
-MAX_LAG_S = 0.04  # of the intrinsic response, to either side
 VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
 HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
-FREQUENCIES, THRESHOLDS = (9.0, 16.0, 26.0), (0.0, 0.15, 0.5)  # initial ones, in rad/s
+INITIAL_THRESHOLD = 0.15  # rad/s
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
 # Log evidence of a change, of few realizations. Without a change it is 0, but for rounding.
 MIN_CHANGE_EVIDENCE = 1.0
-CACHED_DRIVES = 16  # of the initial thresholds, and of those that are tried
+CACHED_DRIVES = 16  # thresholds that are tried
 
 Driven = Callable[[float], Array] | None  # drive of a reflex for a threshold; None without a reflex
 
@@ -79,14 +76,9 @@ class Search:
     emg: str | None
 
     @cached_property
-    def lags(self) -> int:
-        """Return the number of lags of the intrinsic response to either side, in samples."""
-        return fitting_lags("JointCascade", MAX_LAG_S, self.ensemble)
-
-    @cached_property
     def data(self) -> Data:
         """Return torque and intrinsic signals."""
-        return Data.of(self.ensemble, self.harmonics, self.lags)
+        return Data.of(self.ensemble, self.harmonics)
 
     def drive(self, direction: int, threshold: float) -> Stretch | MeasuredChannel:
         """Return the drive of a reflex."""
@@ -107,25 +99,18 @@ class Search:
 
         return driven
 
-    def _shape(self, frequency: float = 16.0, threshold: float = 0.0) -> Array:
-        """Return the shape of a reflex with a muscle of usual damping."""
+    def _shape(self, threshold: float) -> Array:
+        """Return the shape of a reflex with a usual muscle."""
         usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
-        return np.array([math.log(frequency), math.log(0.8), threshold, self.delay or usual])
-
-    def _started(self, driven: Driven) -> Fit:
-        """Return the best constant fit for some initial shapes, improved."""
-        free = [FREQUENCY, DAMPING, THRESHOLD] if self.emg is None else [FREQUENCY, DAMPING]
-        free = free if driven else []
-        shapes = product(FREQUENCIES, THRESHOLDS if THRESHOLD in free else THRESHOLDS[:1])
-        fits = (
-            Fit(self.data.constant, driven, self._shape(*each), free, USUAL_PARAMETERS)
-            for each in shapes
-        )
-        return max(fits, key=lambda fit: fit.objective).improved()
+        return np.array([math.log(16.0), math.log(0.8), threshold, self.delay or usual])
 
     def fit(self, driven: Driven) -> Fit:
         """Return the fit with a reflex. The data choose whether coefficients change over time."""
-        start = self._started(driven)
+        threshold, free = INITIAL_THRESHOLD, [FREQUENCY, DAMPING, THRESHOLD]
+        if self.emg:
+            threshold, free = 0.0, [FREQUENCY, DAMPING]
+        shape, free = self._shape(threshold), free if driven else []
+        start = Fit(self.data.constant, driven, shape, free, USUAL_PARAMETERS).improved()
 
         def solved(data: Data) -> Fit:
             return Fit(data, driven, start.shape, start.free)
@@ -155,7 +140,7 @@ class Search:
             fit = self._limited(_refined(self.fit(driven)))
             return Selection(self, direction, True, fit, fit)
         none = self.fit(None)
-        usual = Fit(none.data, driven, self._shape(), [])
+        usual = Fit(none.data, driven, self._shape(0.0), [])
         return Selection(self, direction, False, self._limited(usual), self._limited(none))
 
     def refit(self, known: Hyperparameters) -> Selection:
@@ -173,7 +158,7 @@ class Search:
         data = fit.data
         some = slice(0, None, max(1, self.ensemble.samples // MAX_LIMITED_TIMES))
         stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.starts))[0]
-        weights = stiffness, readout(self.lags, data.rate)[1]
+        weights = stiffness, data.readout[1]
         rows = np.concatenate([data.features(each)[some] for each in weights])
         if fit.drive is not None:
             gain = data.gain(self.ensemble.time[some] / data.period)
@@ -189,9 +174,8 @@ def _refined(fit: Fit) -> Fit:
     best = fit.refined()
     if best.shape[THRESHOLD] == 0:
         return best
-    others = [number for number in best.free if number != THRESHOLD]
-    shape = np.where(np.arange(4) == THRESHOLD, 0.0, best.shape)
-    simple = Fit(best.data, best.drive, shape, others).refined()
+    shape = best.shape * (np.arange(4) != THRESHOLD)
+    simple = Fit(best.data, best.drive, shape, [FREQUENCY, DAMPING]).refined()
     simple = attrs.evolve(simple, free=best.free)
     return best if _is_better(best, simple) else simple
 

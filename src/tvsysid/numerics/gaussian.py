@@ -48,7 +48,9 @@ class Moments(NamedTuple):
 
     def take(self, columns: Columns) -> Moments:
         """Return the moments of some columns."""
-        return self._replace(gram=self.gram[np.ix_(columns, columns)], cross=self.cross[columns])
+        return self._replace(
+            gram=self.gram.T[np.ix_(columns, columns)].T, cross=self.cross[columns]
+        )
 
     def times(self, share: float) -> Moments:
         """Return the moments if only this share of the samples is independent."""
@@ -194,8 +196,9 @@ def least_squares(moments: Moments) -> FittedWeights:
     """Fit without a prior. The weights have minimum norm where the columns are collinear."""
     gram, cross, square, number = moments
     scale = np.sqrt(_powers(gram) / number)
-    inverse, rank = pinvh(gram / np.outer(scale, scale), return_rank=True)
-    covariance = inverse / np.outer(scale, scale)
+    scales = np.outer(scale, scale)
+    inverse, rank = pinvh(gram / scales, return_rank=True)
+    covariance = inverse / scales
     mean = covariance @ cross
     residual = square - 2 * float(mean @ cross) + float(mean @ gram @ mean)
     noise = max(residual, SMALLEST_RESIDUAL * square) / max(number - rank, 1)

@@ -290,6 +290,7 @@ def fit(runs: Sequence[Runs], kernel: Kernel, precision: Array) -> FittedWeights
         variances = 1 / precision
     mean, covariance = np.zeros(count), np.diag(variances)
     mean[kept], covariance[np.ix_(kept, kept)] = found.mean, found.covariance
+    covariance.flags.writeable = False  # so that it is not copied
     return found._replace(mean=mean, covariance=covariance)
 
 

@@ -74,7 +74,7 @@ class Runs:
         torque = ensemble.torque[realizations, ensemble.core].reshape(runs, -1)
         signals[-1, :, known] = torque[:, known]
         clocks = clocks_of(ensemble)[realizations[:, :1]] + np.arange(samples) / rate
-        slow = np.moveaxis(kernel.slow_features(clocks), -1, 0)
+        slow = np.ascontiguousarray(np.moveaxis(kernel.slow_features(clocks), -1, 0))
         products = (signals[:-1, None] * slow).reshape(-1, runs, samples)
         low, high = (frequency * samples / rate for frequency in band)
         bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
@@ -113,10 +113,15 @@ class Runs:
         for low in range(0, count, length):
             high = min(low + length, count)
             windows = sliding_window_view(self.spectra, high - low, axis=2)
-            rows = windows[source, run, low + self.reach - shift] * turn
-            rows += windows[source, run, low + self.reach + shift] * turn.conj()
+            rows = windows[source, run, low + self.reach - shift]
+            rows *= turn
+            other = windows[source, run, low + self.reach + shift]
+            other *= turn.conj()
+            rows += other
             numbers = slice(2 * low, 2 * high)
-            yield numbers, rows.view(np.float64) * self.weights[numbers]
+            parts = rows.view(np.float64)
+            parts *= self.weights[numbers]
+            yield numbers, parts
 
 
 def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, float]) -> list[Runs]:
@@ -163,8 +168,9 @@ def moments_of(found: Sequence[Runs], kernel: Kernel, columns: NDArray[np.int64]
             products = blas.dsyrk(1.0, flat, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
         mixed.append(with_terms.reshape(size, -1))
         number += len(runs.starts) * (runs.freedom - len(basis))
-    projected = np.concatenate(mixed, axis=1)
-    return Moments.of(products - projected @ projected.T, number)
+    projected = np.concatenate(mixed, axis=1).T
+    products = blas.dsyrk(-1.0, projected, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
+    return Moments.of(products, number)
 
 
 def whitened(found: Sequence[Runs], residual: Array) -> list[Runs]:

@@ -24,7 +24,7 @@ MIN_REALIZATIONS = 5  # of a pilot's halves
 DRAWS = 6  # simulated ensembles of each size
 SPLITS = 2  # of a pilot into random halves
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n, whose sum is the variance
-# Random error over that of four times as many realizations from which on a method breaks down.
+# Random error over that of the next larger size from which on a method breaks down.
 BREAKDOWN_RATIO = 6.0
 ROUNDS = 10  # of reweighted least squares
 MAX_RISE_S = 0.4  # on either side of a step

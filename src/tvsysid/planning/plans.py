@@ -142,9 +142,9 @@ def plan(
 ) -> Plan:
     r"""Find how many realizations it takes to know stiffness to ± ``precision`` at 95 %.
 
-    Ensembles of 5, 20, 80, … realizations are simulated, six of each size, and identified by
-    each method. They give the random error and the bias of its stiffness for any number of
-    realizations. A number suffices where
+    Ensembles of 5, 20, 80 and 320 realizations are simulated (from a pilot, 10 and 80), six of each
+    size, and identified by each method. They give the random error and the bias of its stiffness
+    for any number of realizations. A number suffices where
 
     .. math:: 1.1 \cdot 1.96 \sqrt{Err_{random}^2 + Err_{bias}^2} \le precision
 

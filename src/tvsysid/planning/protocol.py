@@ -192,8 +192,11 @@ class Protocol:
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Numbers of realizations to simulate. A pilot does not tell about many more."""
-        return (5, 20, 80, 320) if self.pilot is None else (5, 20, 80)
+        """Numbers of realizations to simulate. A pilot does not tell about many more.
+
+        With a reflex, which a pilot may have, methods need eight realizations to detect it.
+        """
+        return (5, 20, 80, 320) if self.pilot is None else (10, 80)
 
     def __str__(self) -> str:
         return f"{label_of(self.perturbation)} of {self.amplitude:.2g} rad"

@@ -17,12 +17,12 @@ from tvsysid.methods.cascade.columns import (
     filtered,
     intrinsic_filters,
     muscle,
-    second_order_fit,
 )
 from tvsysid.methods.cascade.fit import Fit, log_evidence, ridge
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
+from tvsysid.numerics.second_order import response_readout
 
 RATE, TIMES, HISTORY, LAGS = 100.0, 60, 250, 4
 NOISE = np.array([1.0, 0.5, 0.2])  # autocorrelation
@@ -93,7 +93,7 @@ def test_filters_give_the_angle_its_derivatives_and_its_differences():
     expected = np.eye(2 * LAGS + 1, 3) * [1, 1, 2]
     np.testing.assert_allclose(filters @ powers.T, expected, atol=1e-9)
     joint = np.array([80.0, 2.0, 0.015])
-    found = second_order_fit(offsets / RATE) @ (joint @ filters[:3])
+    found = response_readout(offsets / RATE) @ (joint @ filters[:3])
     np.testing.assert_allclose(found, joint, rtol=3e-3)
 
 

@@ -14,6 +14,7 @@ ROUNDING = (
 )
 # determinant of a matrix with a diagonal of ones below which it has no inverse
 SINGULAR = 1e-9
+RESPONSE_BAND = (0.5, 15.0)  # Hz, in which a response is fitted
 
 
 def second_order_readout(
@@ -42,6 +43,19 @@ def second_order_readout(
     (found,), (inverted,) = second_order_fit(moments[None], cross[None])
     matrix = np.concatenate([inverse.sum(axis=1)[None], (inverted @ derivative)[1:]])
     return matrix, float(found @ cross)
+
+
+def response_readout(lags: Array) -> Array:
+    """Return weights (quantity, lag) that turn a response into stiffness, viscosity and inertia.
+
+    The lags are in s. The weights are a least-squares fit to the frequency response from 0.5 to
+    15 Hz.
+    """
+    omega = 2 * np.pi * np.linspace(*RESPONSE_BAND, 60)
+    joint = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
+    response = np.exp(-1j * np.outer(omega, lags))
+    joint, response = (np.concatenate([each.real, each.imag]) for each in (joint, response))
+    return np.asarray(np.linalg.pinv(joint) @ response)
 
 
 class MomentFit(NamedTuple):

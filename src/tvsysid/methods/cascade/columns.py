@@ -21,12 +21,12 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import TAPS, keep_every
 from tvsysid.numerics.differentiation import derivative_weights
+from tvsysid.numerics.second_order import response_readout
 from tvsysid.signals import Ensemble
 
 # Share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
 BAND = 0.6
 RECORDED_HALF_WIDTH = 8  # samples to either side of derivatives at the recorded rate
-FITTED_BAND = (0.5, 15.0)  # Hz, of the second-order fit to the intrinsic response
 NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
 MAX_LAG_S = 0.04  # of the intrinsic response, to either side
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
@@ -55,19 +55,6 @@ def intrinsic_filters(lags: int, rate: float) -> Array:
     while len(differences) < min(HIGHEST_DIFFERENCE, 2 * lags):
         differences.append(np.convolve(differences[-2], second, "same"))
     return np.stack([*filters, *differences[2:]])
-
-
-def second_order_fit(lags: Array) -> Array:
-    """Return weights (quantity, lag) that turn a response into stiffness, viscosity and inertia.
-
-    The lags are in s. The weights are a least-squares fit to the frequency response from 0.5 to
-    15 Hz.
-    """
-    omega = 2 * np.pi * np.linspace(*FITTED_BAND, 60)
-    joint = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
-    response = np.exp(-1j * np.outer(omega, lags))
-    joint, response = (np.concatenate([each.real, each.imag]) for each in (joint, response))
-    return np.asarray(np.linalg.pinv(joint) @ response)
 
 
 def deviations(values: Array) -> Array:
@@ -247,9 +234,9 @@ class Data:
     def readout(self) -> Array:
         """Return weights (quantity, signal) that turn coefficients into stiffness to inertia.
 
-        See :func:`second_order_fit`.
+        See :func:`tvsysid.numerics.second_order.response_readout`.
         """
-        return np.asarray(second_order_fit(self.lags) @ self.filters.T)
+        return np.asarray(response_readout(self.lags) @ self.filters.T)
 
     @property
     def folds(self) -> list[slice]:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.methods import base
-from tvsysid.methods.cascade.columns import second_order_fit
 from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, history
 from tvsysid.methods.scheduled.model import Curves, Orders, Part, Parts, ScheduledModel
 from tvsysid.methods.scheduled.regression import Regression, explained
@@ -25,6 +24,7 @@ from tvsysid.models import IMPEDANCE, Diagnostics
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.laguerre import laguerre_filters
+from tvsysid.numerics.second_order import response_readout
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, boolean, not_negative, optional, positive, text
 
@@ -294,7 +294,7 @@ class ScheduledIRF(Scheduled):
         lags = base.fitting_lags(type(self).__name__, self.max_lag, ensemble)
         angle = np.pad(ensemble.angle - centre, ((0, 0), (lags, lags)), constant_values=np.nan)
         windows = sliding_window_view(angle, ensemble.samples, axis=1)[:, ensemble.context :]
-        fit = second_order_fit(np.arange(-lags, lags + 1) / ensemble.sampling_rate)
+        fit = response_readout(np.arange(-lags, lags + 1) / ensemble.sampling_rate)
         weights = np.ones(2 * lags + 1), *fit[1:]
         signals = windows[:, 2 * lags :: -1].swapaxes(0, 1)
         return {"intrinsic": (signals, dict(zip(IMPEDANCE, weights, strict=True)))}

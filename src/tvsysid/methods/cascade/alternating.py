@@ -30,7 +30,7 @@ from tvsysid.validators import not_negative, optional, positive, text
 
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 MIN_REALIZATIONS = 3  # with their past: of fewer there is nothing to average over
-MAX_PRODUCTS = 2**27  # of lagged signals at all times: 1 GiB
+MAX_PRODUCTS = 2**26  # of lagged signals at all times: 0.5 GiB for each direction of stretch
 
 
 class AlternatingCascade(TwoPathwayMethod):

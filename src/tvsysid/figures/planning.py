@@ -38,7 +38,7 @@ def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
         half = np.array([plan.multiple * curve.at(each).total for each in counts])
         minutes = np.array([plan.setups[setup].seconds(each) / 60 for each in counts])
         style.curve(axes, minutes, half, **look)
-    axes.axhline(plan.precision, color=style.INK, linestyle=":", label="wish")
+    axes.axhline(plan.precision, color=style.INK, linestyle=":", label="required")
     label = "stiffness: ± at 95 %, bias included (N·m/rad)"
     axes.set(xlabel="minutes recorded", ylabel=label, title=setup, xscale="log", yscale="log")
     style.log_ticks(axes.xaxis)

@@ -38,6 +38,7 @@ TRUE_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 2.6, "label": "truth"}
 TARGET_LINE: dict[str, Any] = {"color": TARGET, "linewidth": 0.8, "label": "torque to be followed"}
 REALIZATION_TIME = "time within a realization (s)"
 STYLES = ("-", "--", ":", "-.")
+FILLS = ("full", "none", "left", "top")
 MARKERS = "osD^vPX<>hp*8dH"
 MARKERS_PER_CURVE = 8
 MAX_REACH = 0.75  # of the median range of the curves, by which axes extend beyond it
@@ -117,8 +118,8 @@ def finish(figure: Figure, caption: str | None = None) -> Figure:
 def lines(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return settings of Matplotlib for the line of each method, by its label.
 
-    Colour and marker are a method's own. Further settings of it have another dash. Methods of
-    one's own have the last colours. A method that is shown alone has no marker.
+    Colour and marker are a method's own. Further settings of it have another dash and filling.
+    Methods of one's own have the last colours. A method that is shown alone has no marker.
     """
     # The label of a method object is its repr.
     classes = {method.__name__: key for key, method in METHODS.items()}
@@ -133,6 +134,7 @@ def lines(methods: Sequence[str]) -> dict[str, dict[str, Any]]:
             "label": label,
             "color": color,
             "linestyle": STYLES[variant % len(STYLES)],
+            "fillstyle": FILLS[variant % len(FILLS)],
             "marker": MARKERS[places[key]] if len(set(keys)) > 1 else "",
         }
     return looks

@@ -198,8 +198,8 @@ class KernelRegression(shared.ByReference):
             features = np.asarray(sum(map(kernel, *times))) / len(times[0])
             known = features[missing : ensemble.samples - missing]
             return shared.posterior_errors(
-                np.einsum("qp,tj->qtpj", np.eye(3), known).reshape(3, len(known), -1),
-                posterior.covariance,
+                np.stack([known] * 3),
+                np.einsum("qiqj->qij", posterior.covariance.reshape((3, kernel.columns) * 2)),
                 max(1.0, 2 * left.size * (high - low) - posterior.effective),
                 ensemble.samples,
                 factors,

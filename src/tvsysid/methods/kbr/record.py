@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import attrs
 import numpy as np
@@ -85,10 +86,7 @@ class Runs:
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
         spectra = spectra[..., np.abs(place)]
         np.conjugate(spectra, out=spectra, where=place < 0)
-        external = np.zeros((EXTERNAL_TERMS, samples))
-        turns = np.outer(np.arange(EXTERNAL_TERMS), np.arange(samples) + 0.5) / samples
-        external[:, known] = np.cos(np.pi * turns)[:, known]
-        external = rfft(external, norm="ortho")[:, bins].view(np.float64)
+        external = external_terms(samples, lost)[:, bins].view(np.float64)
         weights = np.ones(external.shape[1])
         freedom = len(weights) * (1 - 2 * lost / samples)
         starts = ensemble.onsets[realizations[:, 0]]
@@ -122,6 +120,15 @@ class Runs:
             parts = rows.view(np.float64)
             parts *= self.weights[numbers]
             yield numbers, parts
+
+
+@lru_cache(maxsize=4)
+def external_terms(samples: int, lost: int) -> ComplexArray:
+    """Return spectra (term, frequency) of half-cosines over a run, 0 at its lost ends."""
+    terms, known = np.zeros((EXTERNAL_TERMS, samples)), slice(lost, samples - lost)
+    turns = np.outer(np.arange(EXTERNAL_TERMS), np.arange(samples) + 0.5) / samples
+    terms[:, known] = np.cos(np.pi * turns[:, known])
+    return np.asarray(rfft(terms, norm="ortho"))
 
 
 def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, float]) -> list[Runs]:

@@ -180,7 +180,7 @@ def posterior_errors(
         Matrices that give stiffness, viscosity and inertia over time from the coefficients, shape
         (3, time, coefficient).
     covariance
-        Covariance (coefficient, coefficient) of the coefficients.
+        Covariance (coefficient, coefficient) of the coefficients, or one for each of the three.
     freedom
         Degrees of freedom.
     times
@@ -189,7 +189,8 @@ def posterior_errors(
     factors
         Factors of the variances, one or (quantity,).
     """
-    variances = np.einsum("qtj,qtj->tq", expansions @ covariance, expansions)
+    covariances = np.broadcast_to(covariance, (3, *covariance.shape[-2:]))
+    variances = np.einsum("qtj,qtj->tq", expansions @ covariances, expansions)
     values = np.sqrt(np.maximum(factors * variances, 0.0))
-    arcs = [arc_length(each, covariance) for each in expansions]
+    arcs = list(map(arc_length, expansions, covariances))
     return standard_errors(padded(values, (times - len(values)) // 2), freedom, arcs)

@@ -41,10 +41,11 @@ def test_columns_are_methods_and_rows_have_units(figure):
     assert [axes.get_title() for axes in grid[0]] == list(METHODS)
     labels = [axes.get_ylabel() for axes in (*grid[:, 0], *metrics(figure))]
     assert labels == [
-        "stiffness\n(N·m/rad)", "time-varying VAF\n(%)", "bias error\n(N·m/rad)",
-        "random error\n(N·m/rad)", "total error\n(N·m/rad)", "rise time\n(s)", "VAF\n(%)",
+        "stiffness\n(N·m/rad)", "time-varying VAF\n(%)", "in 95 % band\n(% of trials)",
+        "bias error\n(N·m/rad)", "random error\n(N·m/rad)", "total error\n(N·m/rad)",
+        "rise time\n(s)", "VAF\n(%)",
     ]  # fmt: skip
-    assert {axes.get_xlabel() for axes in grid[1]} == {"time (s)"}
+    assert {axes.get_xlabel() for axes in grid[2]} == {"time (s)"}
     ticks = [label.get_text() for label in metrics(figure)[-1].get_xticklabels()]
     assert ticks == ["40 s", "80 s", "150 s", "300 s", "600 s"]
     assert [text.get_text() for text in figure.legends[0].texts] == ["truth", *METHODS]
@@ -62,6 +63,18 @@ def test_truth_mean_and_spread(figure, results):
         edges = axes.collections[0].get_paths()[0].vertices[:, 1]
         band = values.mean(axis=0) + 2 * values.std(axis=0, ddof=1)
         assert edges.max() == pytest.approx(band.max())
+
+
+def test_share_of_trials_whose_band_holds_the_truth():
+    results = results_of([("square", "noise", 40.0, 10.0)], ("sds", "esm"), trials=4)
+    covered = np.ones((1, 4, 2, 1, results.sizes["time"]))
+    covered[0, 3, 0] = 0.0
+    covered[0, :, 1, :, 100:] = np.nan  # without a band
+    results["covered"] = results.covered.dims, covered
+    sds, esm = (axes.lines[0].get_ydata() for axes in over_time(compared(results), 2)[2])
+    np.testing.assert_allclose(sds, 75)
+    np.testing.assert_allclose(esm[:100], 100)
+    assert np.isnan(esm[100:]).all()
 
 
 def test_points_are_the_summary_with_standard_errors(figure, summary):
@@ -84,7 +97,7 @@ def test_a_failed_trial_leaves_the_others_and_a_failed_method_says_so():
         fail(results, "esm", trial, "no")
     figure = compared(results)
     texts = [[text.get_text() for text in axes.texts] for axes in over_time(figure, 2)[:, 1]]
-    assert texts == [["no estimate"]] * 2
+    assert texts == [["no estimate"]] * 3
     assert not any(axes.containers[1][0].get_ydata().size for axes in metrics(figure))
 
 

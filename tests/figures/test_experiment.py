@@ -9,6 +9,7 @@ ALL = [
     "participants",
     "participant",
     "variance-and-spread",
+    "error-against-truth",
     "recorded-signals",
     "preparation",
 ]

@@ -50,7 +50,8 @@ def test_comparison_and_model(comparison):
 def test_results_of_both_kinds():
     results = synthetic.results_of([("square", "noise", 40.0, 10.0)], ("sds", "kbr"), trials=2)
     shown = labels(tv.figures.plot(results))
-    assert shown[:5] == ["stiffness", "", "time-varying VAF", "", "bias error"]
+    assert shown[:6:2] == ["stiffness", "time-varying VAF", "in 95 % band"]
+    assert shown[6] == "bias error"
     several = experimental.results_of(("P1",), methods=("sds", "kbr"), bootstraps=2)
     titles = [axes.get_title() for axes in tv.figures.plot(several).axes]
     assert titles == ["filtered noise", "PRBS", "torque (N·m)"]

@@ -8,6 +8,7 @@ from tests.experimental import METHODS, experiment_of, fail, results_of, summary
 
 from tvsysid import InputError
 from tvsysid.figures import (
+    error_against_truth,
     participant_in_detail,
     stiffness_of_participants,
     variance_and_spread,
@@ -176,6 +177,21 @@ def test_bars_whiskers_and_dots_are_the_participants(experiment):
         reach = 2 * each.std(ddof=1) * np.array([-1, 1])
         np.testing.assert_allclose(segment[:, 1], each.mean() + reach)
         np.testing.assert_allclose(dots.get_ydata(), each)
+
+
+@pytest.mark.slow
+def test_error_over_time(experiment, results):
+    figure = error_against_truth(results, "Error")
+    draw(figure)
+    grid = np.array(figure.axes).reshape(2, 5)
+    assert grid[1, 0].get_ylabel() == "PRBS\nestimate − truth\n(N·m/rad)"
+    zero, mean = grid[1, 2].lines
+    assert set(zero.get_ydata()) == {0}
+    cells = results.sel(quantity="stiffness", recording=["P1-prbs", "P2-prbs", "P3-prbs"])
+    off = (cells.estimate.sel(analysis="birf-75").mean("bootstrap") - cells.truth).values
+    np.testing.assert_allclose(mean.get_ydata(), off.mean(axis=0))
+    top = grid[1, 2].collections[0].get_paths()[0].vertices[:, 1].max()
+    assert top == pytest.approx((off.mean(axis=0) + 2 * off.std(axis=0, ddof=1)).max())
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ SHOWN = """
 """
 
 
-@pytest.mark.parametrize(("name", "pictures"), [("identification_page", 2), ("experiment_page", 5)])
+@pytest.mark.parametrize(("name", "pictures"), [("identification_page", 2), ("experiment_page", 6)])
 def test_other_pages_are_shown_on_a_phone(browser, request, tmp_path, name, pictures):
     seen = look(browser, request.getfixturevalue(name), SHOWN, tmp_path)
     assert (seen["broken"], seen["images"]) == ([], [True] * pictures)

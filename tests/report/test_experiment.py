@@ -20,12 +20,13 @@ def test_figures_are_inside_in_order_with_their_descriptions(elements):
         "participants",
         "participant",
         "variance-and-spread",
+        "error-against-truth",
         "recorded-signals",
         "preparation",
     ]
     numbers = [re.match(r"Figure (\d)\.", text).group(1) for _, text in elements.of("figcaption")]
-    assert numbers == ["1", "2", "3", "4", "5"]
-    assert "Figure 5." in section(elements, "recordings")
+    assert numbers == ["1", "2", "3", "4", "5", "6"]
+    assert "Figure 6." in section(elements, "recordings")
 
 
 def test_who_is_virtual_is_told(elements):

@@ -84,7 +84,7 @@ def experiment(
     - `prepared/`: the ensembles that were identified (NetCDF; `tvsysid.recordings.load_ensemble`
       reads them);
 
-    - `figures/`: each figure as PNG, PDF and SVG, one for each participant among them;
+    - `figures/`: each figure as PNG, PDF and SVG;
 
     - `results.nc`: every bootstrap; `xarray.open_dataset` reads it.
 

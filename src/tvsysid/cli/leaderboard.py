@@ -27,7 +27,8 @@ def leaderboard(
 
     Writes to the folder:
 
-    - `leaderboard.html`: ranks, scores and what the score is, the same page whenever it is made;
+    - `leaderboard.html`: ranks, scores, errors and what the score is, the same page whenever it is
+      made;
 
     - `leaderboard.csv`: a row for each entry, with its error in each scenario;
 

@@ -7,10 +7,12 @@ from .identification import identified_quantity as identified_quantity
 from .identification import scheduled_estimates as scheduled_estimates
 from .identification import tuning_curves as tuning_curves
 from .objects import plot as plot
+from .participants import error_against_truth as error_against_truth
 from .participants import participant_in_detail as participant_in_detail
 from .participants import stiffness_of_participants as stiffness_of_participants
 from .participants import variance_and_spread as variance_and_spread
 from .planning import planned_recording as planned_recording
+from .ranking import leaderboard as leaderboard
 from .recorded import ensemble_signals as ensemble_signals
 from .recorded import preparation_steps as preparation_steps
 from .recorded import recorded_channels as recorded_channels

@@ -173,3 +173,37 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
         if "vaf" in metric:
             axes.set_ylim(0, 102)
     return style.finish(figure, CAPTION)
+
+
+@style.styled
+def error_against_truth(results: xr.Dataset, title: str = "") -> Figure:
+    """Draw the error of the mean stiffness over bootstraps, where the truth is known.
+
+    A column for each method with the fewest realizations that it was given, a row for each
+    perturbation: mean ± 2 SD over participants.
+
+    Parameters
+    ----------
+    results
+        Of an experiment, as of :func:`stiffness_of_participants`.
+    """
+    here = of_least_data(results).transpose("bootstrap", "recording", "analysis", "time")
+    perturbations, methods = (unique(here[name].values) for name in ("perturbation", "method_key"))
+    labels = [f"{perturbation_name(each)}\nestimate − truth\n(N·m/rad)" for each in perturbations]
+    figure, grid = style.panels(
+        len(labels),
+        len(methods),
+        1.45 * len(methods) + 0.8,
+        1.5 * len(labels) + 1.2,
+        title,
+        xlabel="time (s)",
+        ylabels=labels,
+        headings=headings(here, 18),
+        sharex=True,
+        sharey="row",
+    )
+    errors = (here.estimate.mean("bootstrap") - here.truth).transpose("recording", "analysis", ...)
+    for row, perturbation in zip(grid, perturbations, strict=True):
+        mine = errors.values[here.perturbation.values == perturbation]
+        style.columns_by_method(row, methods, here.time.values, mine, np.zeros(mine.shape[-1]))
+    return style.finish(figure, "mean over participants ± 2 standard deviations")

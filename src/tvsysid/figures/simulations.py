@@ -30,10 +30,12 @@ METRICS_OF_PATHWAYS = {
     "intrinsic pathway_vaf": "VAF intrinsic\n(%)",
     "reflex pathway_vaf": "VAF reflex\n(%)",
 }
+SMOOTHED_S = 0.05  # over which the share of trials is averaged: of few it is a coarse number
 OVER_TIME = {
     "stiffness": "stiffness\n(N·m/rad)",
     "reflex_gain": "reflex gain\n(N·m·s/rad)",
 }
+BELOW = "time-varying VAF\n(%)", "in 95 % band\n(% of trials)"
 
 
 @style.styled
@@ -45,9 +47,10 @@ def method_comparison(
     title: str = "",
     metrics: Mapping[str, str] = METRICS,
 ) -> Figure:
-    """Draw estimates and VAF over time, a column for each method, above every metric that is known.
+    """Draw estimates, VAF and coverage over time, a column for each method, above its metrics.
 
-    Metrics that differ much are over a logarithmic axis.
+    Coverage is the share of trials whose 95 % band of the stiffness holds the truth. Metrics that
+    differ much are over a logarithmic axis.
 
     Parameters
     ----------
@@ -67,16 +70,16 @@ def method_comparison(
     rows = rows.assign(size=rows.scenario.map(list(compared).index))
     names = [name for name in metrics if name in set(rows.metric)]
     ticks = differing(scenario_traits(results).loc[list(compared)])
-    heights = [1.25 * len(quantities) + 2.0, 1.2 * len(names) + 0.8]
+    heights = [1.25 * len(quantities) + 3.25, 1.2 * len(names) + 0.8]
     width = min(max(1.5 * len(methods), 3.2) + 0.8, MAX_WIDTH)
     figure = style.blank(width, sum(heights) + 0.8, title)
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
-    *estimates, vaf = style.grid_of(
+    *estimates, vaf, coverage = style.grid_of(
         upper,
-        len(quantities) + 1,
+        len(quantities) + 2,
         len(methods),
         xlabel="time (s)",
-        ylabels=[*(OVER_TIME[name] for name in quantities), "time-varying VAF\n(%)"],
+        ylabels=[*(OVER_TIME[name] for name in quantities), *BELOW],
         headings=[wrapped(method, round(12 * width / len(methods))) for method in methods],
         sharex=True,
         sharey="row",
@@ -86,6 +89,13 @@ def method_comparison(
         style.columns_by_method(row, methods, time, draws, truth)
         style.limit_to_usual(row[0], draws.swapaxes(0, 1), truth)
     style.columns_by_method(vaf, methods, time, cell.time_varying_vaf.values)
+    window = max(1, round(SMOOTHED_S / (time[1] - time[0])))
+    held = 100 * cell.covered.sel(quantity="stiffness").mean("trial")
+    smooth = held.rolling(time=window, center=True, min_periods=1).mean().where(held.notnull())
+    style.columns_by_method(coverage, methods, time, smooth.values[None])
+    for axes in coverage:
+        axes.axhline(95, color=style.INK, linestyle=":")
+        axes.set_ylim(-2, 102)
     labels = [metrics[name] for name in names]
     grid = style.grid_of(lower, len(names), 1, ylabels=labels, sharex=True)
     for axes, name in zip(grid[:, 0], names, strict=True):

@@ -14,6 +14,7 @@ from tvsysid.errors import DataQualityWarning
 from tvsysid.figures import (
     Illustration,
     Picture,
+    error_against_truth,
     participant_in_detail,
     preparation_steps,
     recorded_signals,
@@ -151,8 +152,8 @@ def experiment_figures(
     """Return all figures of an experiment's page.
 
     By the stem of a file's name: ``"participants"`` (figure 8 of the paper), ``"participant"``
-    (figure 9), ``"variance-and-spread"`` (figure 10), ``"recorded-signals"`` (figure 6) and
-    ``"preparation"`` (figure 7).
+    (figure 9), ``"variance-and-spread"`` (figure 10), ``"error-against-truth"`` if it is known,
+    ``"recorded-signals"`` (figure 6) and ``"preparation"`` (figure 7).
 
     Parameters
     ----------
@@ -191,6 +192,14 @@ def experiment_figures(
             "two standard deviations over participants. Dots: single participants.",
         ),
     }
+    if is_known(results):
+        shown["error-against-truth"] = illustrated(
+            error_against_truth,
+            own,
+            title="Error against the truth",
+            text="Mean estimate over bootstraps minus the true stiffness of virtual participants: "
+            "mean and two standard deviations over participants.",
+        )
     mine = [each for each in prepared if each.ensemble and each.recorded.participant == one]
     if mine:
         excerpts = {perturbation_name(each.recorded.perturbation): each.excerpt for each in mine}

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tvsysid.errors import InputError
+from tvsysid.figures import draw_all, leaderboard
+from tvsysid.figures.saving import illustrated
 from tvsysid.methods import CLOSED_LOOP, METHODS
 from tvsysid.numerics import Array
 from tvsysid.recordings.write import write_table
@@ -171,16 +173,26 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
 
     rows = [(kind, *each) for kind, every in SCENARIOS.items() for each in every]
     scenarios = pd.DataFrame(rows, columns=["kind", *Scenario._fields])
+    scenarios.insert(0, "number", scenarios.index + 1)
     groups = {kind: [each.label for each in every] for kind, every in SCENARIOS.items()}
     table = standings(results, groups)
     # Whoever is later given the seed can check that it is the same one
     seed_text = f"tvsysid leaderboard {VERSION} seed {study.seed}"
     write_table(folder / FILES[1], table)
+    picture = illustrated(
+        leaderboard,
+        *(table, groups),
+        title="Scores and errors",
+        text="Left: rank, and score with two standard errors to either side. Right: error in each "
+        "scenario, in per cent of the mean stiffness, the darker the smaller, numbered as in the "
+        f"table of scenarios. {FILES[1]} has the same numbers.",
+    )
     render(
         folder / FILES[0],
         "leaderboard.html",
         standings=table.drop(columns=results.scenario.values),
         scenarios=scenarios,
+        picture=draw_all({"scores": picture})["scores"],
         problems=problems(results),
         versions=settings_of(results, "versions"),
         version=version_of(results),

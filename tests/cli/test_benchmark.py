@@ -46,6 +46,24 @@ def test_benchmark(benchmark, tvsysid, tmp_path, request):
     assert (folder / "report.html").exists()
 
 
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (
+            "benchmark --preset paper --trials 4 --method birf",
+            "4 trials of each of 12 scenarios, seed 0: 48 identifications",
+        ),
+        ("experiment --virtual 1 --method sds", "100 draws, seed 0: 400 identifications"),
+    ],
+)
+def test_a_dry_run_runs_nothing(tvsysid, tmp_path, command, said):
+    code, out, _ = tvsysid(f"{command} --dry-run")
+    assert code == 0
+    assert said in out
+    assert "nothing was run" in out
+    assert not any(tmp_path.iterdir())
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_method_that_fails_or_warns_is_named_and_the_others_are_kept(

@@ -7,7 +7,7 @@ import xarray as xr
 from tests.study.conftest import SMALL, Mine, same
 
 import tvsysid as tv
-from tvsysid.study import Study, run
+from tvsysid.study import Study, plan, run
 from tvsysid.study.trials import draw
 
 SHORT = {"duration_s": 40, "trials": 3, "perturbation": "prbs", "methods": "sds"}
@@ -90,3 +90,9 @@ def test_an_executor_that_was_shut_down_gives_up_plainly():
     executor.shutdown()
     with pytest.raises(tv.InputError, match=r"a worker failed .*Run the same command again"):
         run(Study(**SHORT), executor=executor)
+
+
+def test_a_plan_tells_number_and_time():
+    identifications, seconds = plan(Study(**SHORT | {"duration_s": [40, 80]}))
+    assert identifications == 6
+    assert 0 < seconds < 60

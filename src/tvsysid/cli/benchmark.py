@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import attrs
 
-from tvsysid.cli.console import errors
-from tvsysid.cli.options import Flattened, Methods, WorkerOptions, Workers, given
+from tvsysid.cli.console import errors, say
+from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_study
-from tvsysid.cli.running import command_line, run_study
+from tvsysid.cli.running import command_line, run_study, show_plan
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ def benchmark(
     preset: Literal["quick", "paper", "snr", "viscosity", "reflex", "closed-loop"] | None = None,
     settings: Annotated[Settings, Flattened] = Settings(),
     workers: WorkerOptions = Workers(),
+    dry_run: Flag = False,
     out: Path = Path("tvsysid-benchmark"),
 ) -> int:
     """Compare methods on simulated data with known stiffness.
@@ -98,6 +99,8 @@ def benchmark(
         stiffness), `reflex` (a stretch reflex, by methods of one pathway and of two), `closed-loop`
         (a compliant actuator, by methods with and without a reference). The options below override
         its settings.
+    dry_run
+        Print what would be run, with an estimate of time, and stop.
     out
         Folder for the results.
     """
@@ -111,6 +114,11 @@ def benchmark(
         study = Study.from_toml(study_toml, **options)
     else:
         study = study_called(preset or "quick", **options)
+    if dry_run:
+        for scenario in study.scenarios:
+            say(scenario.label)
+        trials = f"{study.trials} trials of each of {len(study.scenarios)} scenarios"
+        return show_plan(study, workers, f"{trials}, seed {study.seed}")
     return write(run_study(study, out, workers), out, command_line())
 
 

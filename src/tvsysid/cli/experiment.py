@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import attrs
 
 from tvsysid.cli.console import errors, remark, shown_progress
-from tvsysid.cli.options import Flattened, Methods, WorkerOptions, Workers, given
+from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_study
-from tvsysid.cli.running import command_line, run_study
+from tvsysid.cli.running import command_line, run_study, show_plan
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ def experiment(
     *,
     settings: Annotated[Settings, Flattened] = Settings(),
     workers: WorkerOptions = Workers(),
+    dry_run: Flag = False,
     out: Path = Path("tvsysid-experiment"),
 ) -> int:
     """Identify the stiffness of several participants, with its variability over bootstraps.
@@ -99,6 +100,8 @@ def experiment(
     ----------
     study_toml
         TOML file with participants, files and channels; see docs/experiment.md.
+    dry_run
+        Prepare the recordings, print an estimate of time, and stop.
     out
         Folder for the results.
     """
@@ -113,6 +116,8 @@ def experiment(
             remark("error" if text == item.failure else "warning", f"{item.recorded.label}: {text}")
     if all(item.failure for item in prepared):
         raise InputError("no recording can be used; correct the errors above")
+    if dry_run:
+        return show_plan(study, workers, f"{study.bootstraps} draws, seed {study.seed}", prepared)
     results = run_study(study, out, workers, prepared=prepared)
     return write(results, prepared, out, command_line(), workers.workers)
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import shown_progress
+from tvsysid.cli.console import errors, say, shown_progress
 from tvsysid.cli.options import Workers
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from tvsysid.study import Experiment, Study
+    from tvsysid.study import Experiment, Prepared, Study
 
 
 def command_line() -> str:
@@ -38,6 +39,26 @@ def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: 
             count = count or sum(client.nthreads().values())
         advance = stack.enter_context(shown_progress("running"))
         return run(study, out, workers=count, progress=advance, **inputs)
+
+
+def show_plan(
+    study: Study | Experiment, workers: Workers, draws: str, prepared: Sequence[Prepared] = ()
+) -> int:
+    """Print how long a study will take, from one draw of each case; return the exit code.
+
+    ``draws`` says what is drawn, ``prepared`` are the recordings of an experiment.
+    """
+    from tvsysid.study import cores, plan
+
+    with errors.status("timing a draw of each case"):
+        identifications, seconds = plan(study, prepared)
+    minutes = seconds / (workers.workers or cores()) / 60
+    time = f"about {minutes:,.0f} min" if minutes > 1 else "less than a minute"
+    say(
+        f"methods: {', '.join(study.named_methods)}\n{draws}: {identifications:,} identifications\n"
+        f"{time}, beside the start and the figures; nothing was run"
+    )
+    return 0
 
 
 def _dask_client(scheduler: str) -> Any:

@@ -3,7 +3,7 @@
 from tvsysid.study.dataset import EXPERIMENT, read_results
 from tvsysid.study.experiment import Experiment, Recorded
 from tvsysid.study.prepared import Prepared, prepared_recordings
-from tvsysid.study.run import run
+from tvsysid.study.run import plan, run
 from tvsysid.study.scenarios import Study
 from tvsysid.study.scores import score
 from tvsysid.study.summary import (
@@ -11,6 +11,7 @@ from tvsysid.study.summary import (
     stiffness_over_time,
     summarize,
 )
+from tvsysid.study.workers import cores
 
 __all__ = [
     "EXPERIMENT",
@@ -18,7 +19,9 @@ __all__ = [
     "Prepared",
     "Recorded",
     "Study",
+    "cores",
     "exclusions",
+    "plan",
     "prepared_recordings",
     "read_results",
     "run",

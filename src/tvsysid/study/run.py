@@ -8,6 +8,7 @@ from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from timeit import timeit
 from typing import TYPE_CHECKING
 
 import attrs
@@ -20,7 +21,7 @@ from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import Scores
 from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.scenarios import Study
-from tvsysid.study.tasks import Task, read_scores, write_scores
+from tvsysid.study.tasks import Task, read_scores, run_task, write_scores
 from tvsysid.study.workers import run_tasks
 
 if TYPE_CHECKING:
@@ -137,3 +138,18 @@ def _exclusive(folder: Path) -> Iterator[None]:
             f"{folder}: another process is running a study in this folder; wait for it, or give "
             "another folder"
         ) from error
+
+
+def plan(study: Study | Experiment, prepared: Sequence[Prepared] = ()) -> tuple[int, float]:
+    """Return the number of identifications, draws times methods, and the seconds they take.
+
+    The seconds are those of one process, from one draw of each case and its methods.
+    """
+    tasks, _ = _work(study, prepared)
+    kinds = {(task.case, *task.methods): attrs.evolve(task, draws=task.draws[:1]) for task in tasks}
+    run_task(kinds[tasks[-1].case, *tasks[-1].methods])  # loads lazy modules before the timing
+    seconds = {kind: timeit(partial(run_task, task), number=1) for kind, task in kinds.items()}
+    return (
+        sum(len(task.draws) * len(task.methods) for task in tasks),
+        sum(len(task.draws) * seconds[task.case, *task.methods] for task in tasks),
+    )

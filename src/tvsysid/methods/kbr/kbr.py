@@ -268,12 +268,12 @@ def fit(runs: Sequence[Runs], kernel: Kernel, precision: Array) -> FittedWeights
     """
     count, torque = len(precision), moments_of(runs, kernel, np.arange(0))
     noise = INITIAL_NOISE * torque.square / torque.number
-    # no weight's power is larger than that of its signal times slow function at all frequencies
-    powers = sum(
+    # No regressor has more power than its signal times slow function has at all frequencies.
+    bounds = sum(
         np.max(each.weights) ** 2 * np.sum(np.abs(each.spectra[:-1]) ** 2, axis=(1, 2))
         for each in runs
     )
-    bounds = powers.reshape(-1, kernel.functions)[:, kernel.slow].reshape(-1, count)
+    bounds = bounds.reshape(-1, kernel.functions)[:, kernel.slow].reshape(-1, count)
     while True:
         least = NEGLIGIBLE * noise * precision
         kept = np.flatnonzero(bounds.max(axis=0) > least)

@@ -143,7 +143,8 @@ def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, fl
         if length * ensemble.samples > 2 * lost + 1:
             alike = np.stack([run for run in ensemble.runs if len(run) == length])
             found.append(Runs.of(ensembles, alike, kernel, band))
-    if not any(runs.weights.size for runs in found):
+    found = [runs for runs in found if runs.weights.size]
+    if not found:
         raise InputError(
             f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
             f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, "

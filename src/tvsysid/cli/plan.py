@@ -40,7 +40,7 @@ def plan(
 ) -> None:
     """Plan how much to record for a given precision of the stiffness.
 
-    Simulates ensembles of 5 to 320 realizations of a stated joint and protocol, or of what a
+    Simulates ensembles of 10 to 160 realizations of a stated joint and protocol, or of what a
     pilot recording shows, and identifies them by each method. How far its stiffness scatters, and
     how far it is off in the mean, says how many realizations it needs. A second simulation, of a
     joint whose stiffness steps, says how fast a change each method can follow.

@@ -20,7 +20,7 @@ from tvsysid.planning.protocol import Protocol, Simulated
 from tvsysid.preprocess import subtract_mean
 from tvsysid.signals import Array, Ensemble
 
-MIN_REALIZATIONS = 5  # of a pilot's halves
+MIN_REALIZATIONS = 10  # of a pilot's halves
 DRAWS = 6  # simulated ensembles of each size
 SPLITS = 2  # of a pilot into random halves
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n, whose sum is the variance

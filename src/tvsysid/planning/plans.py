@@ -142,9 +142,9 @@ def plan(
 ) -> Plan:
     r"""Find how many realizations it takes to know stiffness to ± ``precision`` at 95 %.
 
-    Ensembles of 5, 20, 80 and 320 realizations are simulated (from a pilot, 10 and 80), six of each
+    Ensembles of 10, 40 and 160 realizations are simulated (from a pilot, 10 and 80), six of each
     size, and identified by each method. They give the random error and the bias of its stiffness
-    for any number of realizations. A number suffices where
+    for 10 realizations or more. A number suffices where
 
     .. math:: 1.1 \cdot 1.96 \sqrt{Err_{random}^2 + Err_{bias}^2} \le precision
 
@@ -175,7 +175,7 @@ def plan(
 
     Notes
     -----
-    Beyond the largest number that is simulated (320 realizations, or 80 of a pilot), variance goes
+    Beyond the largest number that is simulated (160 realizations, or 80 of a pilot), variance goes
     on falling as it did, up to ten times as many. Random error is that of
     :func:`tvsysid.metrics.random_error`. The plan does not know of a joint that differs from
     realization to realization, or tires.

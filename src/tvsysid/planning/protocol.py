@@ -194,9 +194,9 @@ class Protocol:
     def sizes(self) -> tuple[int, ...]:
         """Numbers of realizations to simulate. A pilot does not tell about many more.
 
-        With a reflex, which a pilot may have, methods need eight realizations to detect it.
+        With fewer than eight realizations, methods cannot detect a reflex.
         """
-        return (5, 20, 80, 320) if self.pilot is None else (10, 80)
+        return (10, 40, 160) if self.pilot is None else (10, 80)
 
     def __str__(self) -> str:
         return f"{label_of(self.perturbation)} of {self.amplitude:.2g} rad"

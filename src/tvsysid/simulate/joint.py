@@ -46,11 +46,13 @@ def impose(
     The ``channels`` are a function of the angle's velocity. The ``gain`` is that of the reflex.
     """
     motion = actuate(conditions.drive(), conditions.rate)
-    motion *= conditions.angle_scale(motion[0])
     angle, velocity, acceleration = motion
     torque = truth["inertia"] * acceleration
     torque += truth["viscosity"] * velocity
     torque += truth["stiffness"] * angle
+    scale = conditions.angle_scale(angle)
+    motion *= scale
+    torque *= scale
     pathways = {"intrinsic": torque}
     if reflex is not None:
         pathways["reflex"] = reflex.torque(velocity, gain, conditions.rate)

@@ -109,7 +109,7 @@ def fail(results, method, trial, reason):
 def summary_of(results):
     """Summary with standard errors from few bootstrap draws, which take less time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tvsysid.study.scores.DRAWS", 10)
+        patch.setattr("tvsysid.study.scores.REPLICATES", 10)
         return summarize(results)
 
 

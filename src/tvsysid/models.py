@@ -143,7 +143,7 @@ class Estimate:
         return f"Estimate({span} {self.unit} over {', '.join(self.axes)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # without the data that a function holds
+        # Keep the standard error instead of its function, which holds all the data.
         return Estimate, (self.values, self.unit, self.axes, self.standard_error)
 
     @cached_property
@@ -214,10 +214,10 @@ def _to_coordinates(coordinates: Mapping[str, ArrayLike]) -> dict[str, NDArray[A
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class Model:
-    r"""Impedance and other quantities that a method identified over one realization.
+    r"""Impedance and other quantities over the time of a realization, as a method identified them.
 
     It predicts the torque :math:`K(t)\theta + B(t)\dot\theta + I(t)\ddot\theta`, with the
-    derivatives of :meth:`tvsysid.Ensemble.derivatives`, unless it has other pathways.
+    derivatives of :meth:`tvsysid.Ensemble.derivatives`, unless ``torques`` is given.
 
     Parameters
     ----------
@@ -389,7 +389,7 @@ class Model:
     def to_xarray(self, ensemble: Ensemble | None = None) -> xr.Dataset:
         """Return all results as an xarray.Dataset, with units as attributes.
 
-        ``_standard_error``, ``_freedom``, ``_lower`` and ``_upper`` end the names of an estimate's
+        The suffixes ``_standard_error``, ``_freedom``, ``_lower`` and ``_upper`` mark an estimate's
         standard error, degrees of freedom and 95 % limits. With an ensemble, the dataset also
         holds its predicted torque, named ``torque_`` plus the pathway.
         """

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MIN_PEAK, MAX_PEAK = 1e-30, 1e30
 
 
-def _check_array(signals: Signals, field: attrs.Attribute[Any], values: Array) -> None:
+def _check_signal(signals: Signals, field: attrs.Attribute[Any], values: Array) -> None:
     _check_shape(field.name, values, signals)
     low, high = float(values.min()), float(values.max())
     if low == high:
@@ -63,8 +63,8 @@ class Signals:
 
     AXES: ClassVar[tuple[str, ...]]
 
-    angle: Array = attrs.field(converter=to_array, validator=_check_array)
-    torque: Array = attrs.field(converter=to_array, validator=_check_array)
+    angle: Array = attrs.field(converter=to_array, validator=_check_signal)
+    torque: Array = attrs.field(converter=to_array, validator=_check_signal)
     sampling_rate: float = attrs.field(converter=to_float, validator=frequency)
     channels: Mapping[str, Array] = attrs.field(
         factory=dict, kw_only=True, converter=to_arrays, validator=_check_channels
@@ -85,8 +85,8 @@ class Signals:
     def angle_as_recorded(self) -> Array:
         """Angle at the recorded rate.
 
-        The last axis holds the recorded samples from each sample of the angle up to the next. It
-        has length 1 if the angle was not decimated.
+        The last axis is that of ``recorded_angle``. It has length 1 if the angle was not
+        decimated.
         """
         return self.angle[..., None] if self.recorded_angle is None else self.recorded_angle
 
@@ -155,14 +155,14 @@ class Recording(Signals):
     channels
         Further signals by name, each of shape (time,).
     origin
-        Time in s of the original trial at which time 0 now lies. It is above 0 if the beginning of
+        Time in the original trial, in s, of what is now time 0. It is above 0 if the beginning of
         the trial was removed.
     delay_removed
         Delay of the torque in s that :func:`tvsysid.preprocess.align_channels` corrected.
     recorded_angle
         Angle before :func:`tvsysid.preprocess.decimate` lowered its rate, in rad, shape (time,
-        sample): the recorded samples from each sample of the angle up to the next. Methods with
-        a reflex rectify its velocity at this rate.
+        sample). Row i holds the recorded samples from sample i of the angle to before sample
+        i + 1. Methods with a reflex rectify its velocity at this rate.
 
     Raises
     ------
@@ -214,7 +214,8 @@ def _onsets(onsets: ArrayLike | None, ensemble: Any) -> Array:
 
 def _trials(trials: ArrayLike | None, ensemble: Any) -> NDArray[np.int64]:
     if trials is None:  # without onsets, each realization is a trial of its own
-        trials = np.arange(len(ensemble)) * (not ensemble.onsets.any())
+        count = len(ensemble)
+        trials = np.zeros(count) if ensemble.onsets.any() else np.arange(count)
     return read_only(np.asarray(trials).astype(np.int64))
 
 
@@ -345,7 +346,7 @@ class Ensemble(Signals):
         derivatives = np.full((3, len(self), self.samples), np.nan)
         missing = max(0, HALF_WIDTH - self.context)
         if 2 * missing < self.samples:
-            first = self.context + missing - HALF_WIDTH
+            first = max(0, self.context - HALF_WIDTH)
             angle = self.angle[:, first : self.angle.shape[1] - first]
             inner = differentiate(angle, self.sampling_rate)
             derivatives[:, :, missing : self.samples - missing] = inner

@@ -160,7 +160,7 @@ class Method(ABC):
             texts = (
                 *model.diagnostics.warnings,
                 *self._own_warnings(ensemble),
-                *_fit_warnings(self, ensemble, model),
+                *_violated_assumptions(self, ensemble, model),
             )
         details = dict(model.diagnostics.details)
         if ensemble.delay_removed:
@@ -200,7 +200,7 @@ class Method(ABC):
         raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
-        """Yield warnings about the fit."""
+        """Yield warnings about the settings for an ensemble."""
         yield from ()
 
 
@@ -294,7 +294,7 @@ def padded(values: NDArray[Any], early: int, late: int | None = None) -> NDArray
     return np.pad(values, edges, constant_values=np.nan)
 
 
-def _fit_warnings(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
+def _violated_assumptions(method: Method, ensemble: Ensemble, model: Model) -> Iterator[str]:
     """Yield a warning for each assumption of the method that the joint violates."""
     details = model.diagnostics.details
     agreement = details.get("second_order_agreement", math.nan)

@@ -77,20 +77,20 @@ def _check(level: float) -> None:
 
 
 def mean_of(values: Array) -> float:
-    """Mean of what is known; NaN of nothing."""
+    """Return the mean of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else float("nan")
 
 
 def mean_known(values: Array) -> Array:
-    """Mean over the first axis, NaN left out; NaN of nothing."""
+    """Return the mean over the first axis without NaN; NaN if all are."""
     return mean_and_spread(values)[0]
 
 
 def mean_and_spread(values: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation over the first axis, NaN left out.
+    """Return the mean and the standard deviation over the first axis, without NaN.
 
-    NaN of nothing, and the latter of one value.
+    Both are NaN if there is no value, the standard deviation also if there is one.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

@@ -18,10 +18,8 @@ from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments, ridge, solve
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, window_moments
 
-MAX_AFTER_S, MAX_BEFORE_S = (
-    0.04,
-    0.30,
-)  # s that the reference may come after the angle, and before it
+# times that the reference may come after the angle, and before it
+MAX_AFTER_S, MAX_BEFORE_S = 0.04, 0.30
 HARMONICS = 4
 FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
 MIN_VARIANCE = 1e-3  # of that prior's variance, however long the lag
@@ -51,14 +49,14 @@ def predicted(
     """Return the angle (realization, time) that a reference predicts, at all its samples.
 
     The reference has as many more samples at either end as the lags need (:func:`lag_samples`).
-    The coefficients are those of the ``core`` of the realizations in other ``groups``
-    (realization,) than its own, so that nothing of a realization's noise enters its prediction,
-    but for the size of the ridge: that of greatest evidence, for all.
+    The coefficients of a realization are fitted to the ``core`` of the other ``groups``
+    (realization,), so its noise does not enter its prediction. Only the size of the ridge, that of
+    greatest evidence, is common to all.
     """
-    early, late = lag_samples(rate)
+    after, before = lag_samples(rate)
     period = core.stop - core.start
     functions = FourierSeries(HARMONICS)((np.arange(angle.shape[1]) - core.start) / period)
-    lags = np.maximum(np.arange(-early, late + 1), 0) / rate
+    lags = np.maximum(np.arange(-after, before + 1), 0) / rate
     harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
     # Relative prior standard deviations of the coefficients, (lag x function,)
     variances = np.outer(np.exp(-lags / FADES) + MIN_VARIANCE, 1 / (1 + harmonics**2))
@@ -66,10 +64,10 @@ def predicted(
     parts = []
     for group in np.unique(groups):
         own = groups == group
-        lagged, target = reference[own, core.start : core.stop + early + late], angle[own, core]
-        moments = len(target) * window_moments(lagged, lagged, late, early)[:, ::-1, ::-1]
+        lagged, target = reference[own, core.start : core.stop + after + before], angle[own, core]
+        moments = len(target) * window_moments(lagged, lagged, before, after)[:, ::-1, ::-1]
         gram = expanded(moments, functions[core]) * np.outer(deviation, deviation)
-        cross = len(target) * diagonal_moments(target, lagged, early + late)[:, ::-1]
+        cross = len(target) * diagonal_moments(target, lagged, after + before)[:, ::-1]
         cross = (cross.T @ functions[core]).ravel() * deviation
         parts.append((own, Moments(gram, cross, float(np.vdot(target, target)), target.size)))
     whole = Moments(*(sum(each) for each in zip(*(part for _, part in parts), strict=True)))
@@ -79,6 +77,6 @@ def predicted(
     out = np.empty_like(angle)
     for own, part in parts:
         coefficients = solve(whole.without(part), precision).mean * deviation
-        weights = functions @ coefficients.reshape(early + late + 1, -1).T
+        weights = functions @ coefficients.reshape(after + before + 1, -1).T
         out[own] = convolve_lags(reference[own], weights)
     return out

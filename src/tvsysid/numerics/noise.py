@@ -12,7 +12,7 @@ from tvsysid.numerics.moments import diagonal_moments
 ROUNDING = 1e-9  # share of a regressor's power that is rounding
 SAMPLES = 40  # of noise for each lag of its autocorrelation
 FLOOR = 0.01  # share of the noise's power that is taken as white at least
-FAINT = 1e-13  # share of the power that filters could pass below which a filtered angle is rounding
+FAINT = 1e-13  # power of a filtered angle, over the most it can be, below which it is rounding
 
 
 def autocovariance(x: Array, lags: int) -> Array:
@@ -20,10 +20,9 @@ def autocovariance(x: Array, lags: int) -> Array:
 
     .. math:: c(d) = \frac{1}{R N} \sum_r \sum_i x_r(i)\, x_r(i + d), \qquad 0 \le d \le lags
 
-    Divided by N rather than by the N - d pairs there are, it is the autocovariance of some noise
-    whatever the data: its Toeplitz matrices have no negative eigenvalue, and every filter of it
-    has a power. The mean over pairs comes closer to that of the process at long distances, but
-    may give a short realization's acceleration a negative power.
+    The divisor is N, not the number N - d of pairs. The Toeplitz matrices then have no negative
+    eigenvalue, so no filter of the noise has a negative power. The mean over pairs has less bias at
+    long lags, but may give the acceleration of a short realization a negative power.
     """
     count = x.shape[1]
     size = next_fast_len(count + lags, real=True)
@@ -85,9 +84,9 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
 
     for ``filters`` F (regressor, lag) and the angle's :func:`angle_products`, over the N samples
     at which the filters lie within the angle. As with :func:`autocovariance`, sums of them
-    weighted by some noise's autocorrelation have no negative eigenvalue. They do not follow from
-    the angle's own autocovariance, where what a realization's ends take from a slow angle is as
-    much as its whole acceleration.
+    weighted by some noise's autocorrelation have no negative eigenvalue. The angle's own
+    autocovariance would not do: its error from the ends of a realization can be as large as the
+    power of the acceleration.
     """
     width = filters.shape[1]
     count, lags = len(products) - width + 1, products.shape[1] - width
@@ -100,7 +99,7 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
     first, apart = np.minimum(one, other), np.abs(one - other)
     sums = running[first + count - later, apart] - running[first, apart]
     covariances = np.asarray(filters @ sums @ filters.T / count)
-    # Of a regressor that is rounding (the acceleration of a ramp) nothing is known but that.
+    # A regressor may be rounding only, such as the acceleration of a ramp.
     largest = np.abs(filters).sum(axis=1) ** 2 * products[:, 0].max()
     known = np.diag(covariances[0]) > FAINT * largest
     return np.where(np.outer(known, known), covariances, 0.0)
@@ -109,8 +108,8 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
 def regressor_correlation(covariances: Array) -> Array:
     r"""Return the mean correlation of M regressors with themselves d samples later.
 
-    It is :math:`\mathrm{tr}(S_0^{-1} S_d) / M`, 1 at d = 0. A least-squares fit takes products of
-    the noise with itself at this distance away in this proportion.
+    It is :math:`\mathrm{tr}(S_0^{-1} S_d) / M`, 1 at d = 0. A least-squares fit lowers the noise's
+    autocovariance at lag d in proportion to it.
     """
     scaled, inverse = _scaled(covariances)
     return np.asarray(np.einsum("jk,dkj->d", inverse, scaled) / len(inverse))

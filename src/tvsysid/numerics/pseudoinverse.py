@@ -16,10 +16,10 @@ RIDGE = 1e-9  # share of the regressors' mean power that is added to each
 class Solution(NamedTuple):
     """Least-squares solution at each time: ``weights = inverse @ phi_uy``.
 
-    The weights are the impulse response times the sample time. They use ``rank`` singular values.
-    Without truncation there would be ``usable`` ones, those above rounding, which explain the power
-    ``explained`` of the output: what they leave is noise whichever of them were taken. Shapes are
-    (time, lag), (time,), (time, lag, lag), and (time,) twice.
+    The weights are the impulse response times the sample time. They use ``rank`` of the ``usable``
+    singular values, which are above rounding. All usable ones together explain the power
+    ``explained`` of the output. The rest is noise. Shapes are (time, lag), (time,), (time, lag,
+    lag), and (time,) twice.
     """
 
     weights: Array

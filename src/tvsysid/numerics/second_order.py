@@ -9,9 +9,8 @@ import numpy as np
 from tvsysid.numerics import Array
 from tvsysid.numerics.differentiation import derivative_weights
 
-ROUNDING = (
-    1e-9  # share of the largest eigenvalue below which directions of lagged angles are rounding
-)
+# share of the largest eigenvalue below which directions of lagged angles are rounding
+ROUNDING = 1e-9
 # determinant of a matrix with a diagonal of ones below which it has no inverse
 SINGULAR = 1e-9
 RESPONSE_BAND = (0.5, 15.0)  # Hz, in which a response is fitted
@@ -30,13 +29,12 @@ def second_order_readout(
     .. math:: (w - D^T p)^T\, \Phi\, (w - D^T p), \qquad p = (D \Phi D^T)^{-1} D\, \varphi
 
     over :math:`p = (k, b, I)`, where the rows of D are the filters that give angle, velocity and
-    acceleration from lagged angles (:mod:`tvsysid.numerics.differentiation`). So it lies in the
-    band in which the input has power, and needs no truncation: three numbers are determined where
-    an impulse response is not.
+    acceleration from lagged angles (:mod:`tvsysid.numerics.differentiation`). So the fit counts
+    where the input has power, and its three numbers need no truncation.
 
-    From mean correlations of lagged angles (lag, lag), those with the torque (lag,), and the
-    pseudo-inverse, truncated or not, by which the area follows: the matrix (3, lag) that times
-    ``phi_uy`` gives the three, and the output's power that the fit explains.
+    ``phi_uu`` (lag, lag) and ``phi_uy`` (lag,) are mean correlations of lagged angles, and with the
+    torque. The area follows by ``inverse``, a pseudo-inverse of the former. The matrix (3, lag)
+    multiplies ``phi_uy``. Return also the output's power that the fit explains.
     """
     derivative = derivative_filters(len(phi_uy) // 2, sampling_rate)
     moments, cross = derivative @ phi_uu @ derivative.T, derivative @ phi_uy
@@ -85,9 +83,9 @@ def agreement(fitted: float, beyond: float, chance: float) -> float:
 
     .. math:: 100\,\% \left(1 - \frac{e - c}{f + e}\right)
 
-    with f the output's power that is ``fitted``, e what lagged inputs explain ``beyond`` and c
-    what noise alone makes of that. No more than 100 %, NaN where nothing can be said.
-    On a joint that is of second order lagged inputs explain more than the fit by chance only.
+    with f the output's power that is ``fitted``, e the power that lagged inputs explain ``beyond``
+    the fit, and c the part of e that is expected by ``chance``. At most 100 %; NaN without power.
+    If the joint is of second order, e is due to chance only.
     """
     total = fitted + beyond
     return 100 * min(1.0, 1 - (beyond - chance) / total) if total > 0 else float("nan")
@@ -98,11 +96,10 @@ def agreement_of_moments(
 ) -> float:
     """Return the agreement of a second-order fit with the mean response to lagged angles, in %.
 
-    The response is taken as the same at all times: what a fit leaves because it smooths a change
-    of stiffness has no mean response, and does not count. ``fitted`` and ``left`` are mean
-    squares of the fit and of what it leaves of the torque, ``cross`` (lag,) and ``moments``
-    (lag, lag) mean products of lagged angles with what is left and with each other, over so many
-    ``samples``.
+    The response is taken as the same at all times. A residual of smoothing a change of stiffness
+    has no mean response, and does not count. ``fitted`` and ``left`` are mean squares of the fit
+    and of its residual. ``cross`` (lag,) and ``moments`` (lag, lag) are mean products of lagged
+    angles with the residual and with each other, over so many ``samples``.
     """
     values, vectors = np.linalg.eigh(moments)
     kept = np.abs(values) > ROUNDING * np.abs(values).max()

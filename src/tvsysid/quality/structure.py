@@ -116,9 +116,9 @@ def _moved_angle(data: FittedEnsemble, reference: str) -> tuple[Array, float]:
 
     Realizations are predicted by what the others show.
     """
-    ensemble, core, (early, late) = data.ensemble, data.ensemble.core, lag_samples(data.rate)
+    ensemble, core, (after, before) = data.ensemble, data.ensemble.core, lag_samples(data.rate)
     groups = realization_groups(ensemble.trials, ensemble.onsets)
-    command = np.pad(data.signal(reference), ((0, 0), (late, early)))
+    command = np.pad(data.signal(reference), ((0, 0), (before, after)))
     moved = predicted(command, data.angle, core, data.rate, groups)
     left = np.sum((data.angle - moved)[:, core] ** 2)
     return moved, 1 - left / np.sum(data.angle[:, core] ** 2)

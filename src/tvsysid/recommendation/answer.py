@@ -123,7 +123,7 @@ class Answer:
             return (f"no stiffness is stated. {first}", *others)
         role = "recommended" if self.is_recommended else ""
         role = "doubtful" if self.trust == "doubtful" else role
-        stated = f"{role} ({self.label})" if role else self.label
+        prefix = f"{role} ({self.label})" if role else self.label
         lines, known = [], self.stiffness[np.isfinite(self.stiffness)]
         scheduled = self.model.estimates.get("scheduled_stiffness")
         if scheduled is not None:
@@ -134,11 +134,11 @@ class Answer:
                 for each in (0, len(at) // 2, -1)
             )
             over = f"stiffness over {variable}: {', '.join(values)} (N·m/rad, ± 95 % band)"
-            lines, stated = [f"{stated}: {over}"], "over time"
+            lines, prefix = [f"{prefix}: {over}"], "over time"
         if known.size:
             name = "" if lines else "stiffness "
             lines.append(
-                f"{stated}: {name}{known.min():.1f} to {known.max():.1f} N·m/rad, "
+                f"{prefix}: {name}{known.min():.1f} to {known.max():.1f} N·m/rad, "
                 f"{known.mean():.1f} on average, {self._band_text()}"
             )
         elif not lines:
@@ -279,7 +279,7 @@ def judge_trust(
     # With a wrong period, any channel seems to move the joint.
     if not has_reference and "wrong-period" not in faults:
         wrong = [*unnamed, *wrong]
-    if not (is_suited or unnamed):
+    if not (is_suited or unnamed):  # an unnamed reference is the reason for the loop
         wrong += loop
     # In a closed loop, the right impedance may predict none of the torque. A method with a
     # reference is therefore judged only where the data hold too little information for any method.

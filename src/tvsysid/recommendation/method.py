@@ -20,8 +20,9 @@ from tvsysid.quality import Diagnosis, diagnose, find_reference
 from tvsysid.quality.fit import lowered
 from tvsysid.signals import Ensemble, check_ensemble
 
-BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # whose noise is compared
-SLOW_NOISE_DB, STRONG_NOISE_DB = 10.0, 3.0  # power ratio; signal-to-noise ratio
+BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # slow and fast noise are compared
+SLOW_NOISE_DB = 10.0  # power of slow over fast noise, above which noise is slow
+STRONG_NOISE_DB = 3.0  # signal-to-noise ratio below which noise is strong
 BIAS_PERCENT = 10.0  # of the stiffness, by noise
 MIN_INFORMATION = 2.0  # realizations at a signal-to-noise ratio of 0 dB
 CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
@@ -193,6 +194,7 @@ class Recommendation:
             for text in dict.fromkeys(re.sub("[:,]tuned=true", "", each) for each in self.suited)
             for label, method in methods.items()
             if METHODS[key_of(text)] is type(method)
+            # The settings in the text do not change the method.
             and from_text(text, "method", {key_of(text): method}) == method
         ]
 
@@ -268,11 +270,11 @@ def recommend(
 def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
     """Yield a sentence for each of these channels that moves the angle as a reference does."""
     for name in channels:
-        found = find_reference(ensemble, name)
-        if found.found:
+        finding = find_reference(ensemble, name)
+        if finding.found:
             yield (
                 f"Channel {name!r} moves the angle, and was not named as the reference: "
-                f"{found.what}."
+                f"{finding.what}."
             )
 
 

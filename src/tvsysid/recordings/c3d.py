@@ -55,7 +55,7 @@ def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
 
 
 def _frames(file: Path) -> int:
-    """Return the number of frames that the header promises at least, in either order of bytes."""
+    """Return the number of frames by the header: the smaller one of the two orders of bytes."""
     with file.open("rb") as stream:
         head = stream.read(10)
     ranges = (np.frombuffer(head, order)[3:].astype(int) for order in ("<u2", ">u2"))

@@ -124,7 +124,7 @@ def channel_of(
 
 
 def stated(*attributes: Mapping[Any, object]) -> tuple[object, object]:
-    """Return the unit that the first attributes state, and the first sampling rate of all."""
+    """Return the unit in the first mapping, and the first sampling rate in any of them."""
     plain = [{_text(name).lower(): each[name] for name in each} for each in attributes]
     rates = [each[name] for each in plain for name in each if name in RATE_NAMES]
     return plain[0].get("units", plain[0].get("unit", "")), next(iter(rates), None)

@@ -78,7 +78,7 @@ def read_channels(file: Path, reader: str) -> dict[str, Channel]:
         values, group = channel.values, _group(name)
         if name[len(group) :].lower() in RATE_NAMES and math.prod(channel.shape) == 1:
             rates[group] = None if values is None else channel.read(name)
-        if not (values is None or isinstance(values, np.ndarray)):
+        if not (values is None or isinstance(values, np.ndarray)):  # open the file again for them
             values = partial(_call, read_values, file, reader, name)
         channels[name] = attrs.evolve(channel, values=values)
     return {

@@ -78,6 +78,7 @@ def read_nwb(file: Path) -> Iterator[tuple[str, Channel]]:
             count = data.shape[1] if data.ndim == 2 else 1
             factors = np.full(count, data.attrs.get("conversion", 1.0), dtype=float)
             factors *= gains[()] if isinstance(gains, h5py.Dataset) else 1.0
+            # Without a time for each sample, the channel cannot be a signal.
             seconds: Any = times if getattr(times, "shape", None) == shape else ()
             for column, factor in enumerate(factors.tolist()):
                 part = np.s_[:, column] if data.ndim == 2 else ()

@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
 """Steps that exclude realizations, by the ending of the variable that counts them."""
 
-OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
+RECORDED_OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
 
 
 def draw(prepared: Prepared, analysis: Analysis, seed: int, number: int) -> tuple[Ensemble, Truth]:
-    """Return the realizations of a bootstrap; models are compared with their recorded torque."""
+    """Return the realizations of a bootstrap, and their recorded torque as the truth."""
     ensemble, is_block = prepared.ensemble, analysis.method.contiguous
     if ensemble is None:
         raise InputError(prepared.failure)
     count = len(ensemble)
+    # A draw follows from the seed after all draws before it.
     weights = bootstrap_weights(count, analysis.realizations, number + 1, seed, is_block)
     chosen = np.repeat(np.arange(count), weights[number])
     drawn = ensemble.select(chosen)
@@ -80,7 +81,7 @@ def results_of(
     period, rate = experiment.preparation["period"], experiment.preparation["rate"]
     about = {"title": EXPERIMENT, "experiment": experiment.to_json()}
     results = dataset_of(measured, coordinates, period, rate, **about)
-    unknown = dict.fromkeys(OVER_TIME, np.full(results.sizes["time"], np.nan))
+    unknown = dict.fromkeys(RECORDED_OVER_TIME, np.full(results.sizes["time"], np.nan))
     facts = [{**unknown, **item.over_time, **_preparation_of(item)} for item in prepared]
     return results.merge(labelled(stack(facts), ["recording"]), join="left").transpose(
         "recording", "analysis", ...

@@ -69,6 +69,7 @@ def dataset_of(
         texts = results.failure, results.get("warnings", results.failure)
         reasons = (reason for each in texts for reason in each.values.flat)
         raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
+    # Draws without an estimate have an empty unit.
     units = {name: max(own.values.flat) for name, own in results.unit.groupby("quantity")}
     further = {
         "time": ("time", np.arange(round(period * rate)) / rate, {"units": "s"}),
@@ -82,9 +83,9 @@ def dataset_of(
 
 
 def labelled(scores: Scores, axes: Sequence[str]) -> xr.Dataset:
-    """Return scores over these axes as a dataset, in which each quantity and pathway has a place.
+    """Return scores over these axes, and further over time, as a dataset.
 
-    What comes after the axes is time.
+    ``"estimate quantity stiffness"`` becomes the variable estimate at stiffness along quantity.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 

@@ -92,7 +92,7 @@ def _to_files(values: Any) -> dict[str, dict[str, tuple[str, ...]]]:
 
 
 class Recorded(NamedTuple):
-    """One participant under one perturbation."""
+    """One participant under one perturbation. A virtual participant has a ``number``."""
 
     participant: str
     perturbation: str
@@ -151,8 +151,8 @@ class Experiment(Settings):
         How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one block, as in
         the paper.
     max_realizations
-        Largest number in a draw, by default that of the recording with the fewest. Larger numbers
-        are left out; it takes their place if none is left.
+        Maximum of ``realizations``, by default the smallest number that a recording has. Larger
+        numbers are left out. If all are larger, this one is used.
     bootstraps, seed
         Number of draws, and their seed. The draws depend on the seed, the recording and the number
         of realizations alone, so that all methods see the same ones.
@@ -203,7 +203,9 @@ class Experiment(Settings):
     @cached_property
     def recordings(self) -> tuple[Recorded, ...]:
         """Recordings that are studied, participant by participant."""
-        virtual = VIRTUAL if self.virtual is None and not self.participants else self.virtual or ()
+        virtual = self.virtual or ()
+        if self.virtual is None and not self.participants:
+            virtual = VIRTUAL
         every = [
             Recorded(name, perturbation, files)
             for name, recorded in self.participants.items()

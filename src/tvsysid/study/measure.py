@@ -46,7 +46,7 @@ class Truth:
 
 def mean_quantities(simulation: Simulation, ensemble: Ensemble) -> dict[str, Array]:
     """Return the means over realizations of a simulated joint's quantities, each (time,)."""
-    # A mean of equal values is exact if it is taken of their distances from the first.
+    # The first is subtracted, so that the mean of equal values is exact.
     return {
         name: each[0] + (each - each[0]).mean(axis=0)
         for name, each in simulation.truth_of(ensemble).items()
@@ -94,13 +94,14 @@ def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
             scores[f"estimate quantity {name}"] = model.over_time(name)
             scores[f"unit quantity {name}"] = np.array(one_line(estimate.unit))
         if name in truth.quantities and estimate.axes == ("time",):
-            known, (lower, upper) = truth.quantities[name], estimate.limits(0.95)
-            held = (lower <= known) & (known <= upper)
-            has_band = np.isfinite(lower + upper + known)
+            true, (lower, upper) = truth.quantities[name], estimate.limits(0.95)
+            held = (lower <= true) & (true <= upper)
+            has_band = np.isfinite(lower + upper + true)
             scores[f"covered quantity {name}"] = np.where(has_band, held, np.nan)
-    for name in torques if min(len(torques), len(truth.pathways)) > 1 else ():
-        if name in truth.pathways:
-            shares = metrics.vaf(truth.pathways[name], torques[name])
+    has_several = min(len(torques), len(truth.pathways)) > 1
+    for name, torque in torques.items():
+        if has_several and name in truth.pathways:
+            shares = metrics.vaf(truth.pathways[name], torque)
             scores[f"pathway_vaf pathway {name}"] = mean_known(shares)
     return scores
 

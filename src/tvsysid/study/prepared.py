@@ -90,9 +90,9 @@ def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
         warnings.simplefilter("always", DataQualityWarning)
         try:
             if recorded.files:
-                found = _prepared(experiment, _read(experiment, recorded), {})
+                found = _from_recording(experiment, _read(experiment, recorded), {})
             else:
-                found = _simulated(experiment, recorded)
+                found = _from_simulation(experiment, recorded)
         except InputError as error:
             failure = str(error)
     texts = dict.fromkeys(str(each.message) for each in caught)
@@ -100,12 +100,12 @@ def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
     return Prepared(recorded=recorded, remarks=remarks, failure=failure, **found)
 
 
-def _simulated(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
+def _from_simulation(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
     """Return the kept realizations of a virtual participant, and what is known of them."""
     simulation = Participant(recorded.number).simulate(
         perturbation=PERTURBATIONS[recorded.perturbation]
     )
-    found = _prepared(experiment, simulation.recording, simulation.pathways)
+    found = _from_recording(experiment, simulation.recording, simulation.pathways)
     for name, values in mean_quantities(simulation, found["ensemble"]).items():
         found["over_time"][f"truth quantity {name}"] = values
     return found
@@ -135,7 +135,7 @@ def _read(experiment: Experiment, recorded: Recorded) -> Recording:
     return trials.recording
 
 
-def _prepared(
+def _from_recording(
     experiment: Experiment,
     recording: Recording,
     pathways: Mapping[str, Array],

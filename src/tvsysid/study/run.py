@@ -96,9 +96,9 @@ def run(
     """
     tasks, results_of = _work(study, prepared)
     with ExitStack() as stack:
-        kept = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
-        stack.enter_context(_exclusive(kept))
-        files = {kept / "tasks" / task.file_name: task for task in tasks}
+        root = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
+        stack.enter_context(_exclusive(root))
+        files = {root / "tasks" / task.file_name: task for task in tasks}
         scores = {file: found for file in files if (found := read_scores(file))}
         progress(len(scores), len(files))
         missing = {file: task for file, task in files.items() if file not in scores}
@@ -107,7 +107,7 @@ def run(
             scores[file] = measured
             progress(len(scores), len(files))
         results = results_of((task, scores[file]) for file, task in files.items())
-        write_results(results, kept)
+        write_results(results, root)
         return results
 
 
@@ -118,9 +118,9 @@ def _work(
     if isinstance(study, Study):
         return trials.tasks_of(study), partial(trials.results_of, study)
     prepared = prepared or prepared_recordings(study)
-    kept = [len(each.ensemble) for each in prepared if each.ensemble]
+    counts = [len(each.ensemble) for each in prepared if each.ensemble]
     if study.max_realizations is None:
-        study = attrs.evolve(study, max_realizations=min(kept, default=None))
+        study = attrs.evolve(study, max_realizations=min(counts, default=None))
     return bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
 
 

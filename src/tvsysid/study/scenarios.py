@@ -217,5 +217,6 @@ class Study(Settings):
 
     def seed_of(self, scenario: Scenario, *trial: int) -> np.random.SeedSequence:
         """Return the seed of a scenario or of one trial; it depends on no other scenario."""
+        # Scenarios that differ in viscosity share their seed.
         parts = (*tuple(scenario)[:4], *([scenario.system] if scenario.system != "joint" else []))
         return np.random.SeedSequence(self.seed, spawn_key=(*spawn_key(repr(parts)), *trial))

@@ -16,7 +16,7 @@ from tvsysid.study.measure import Scores, stack
 if TYPE_CHECKING:
     import xarray as xr
 
-DRAWS = 1000  # replicates
+REPLICATES = 1000
 AT_SWITCH = 0.05  # seconds to either side of a switch that are at it
 AWAY = 0.3  # seconds from a switch beyond which no window or lag of the paper's methods reaches it
 MAIN = "stiffness"  # the quantity whose metrics have no quantity in their names
@@ -83,14 +83,14 @@ def score(results: xr.Dataset) -> xr.Dataset:
     case, draw, method = axes_of(results)
     count, shape = results.sizes[draw], (results.sizes[case], results.sizes[method])
     drawn = np.random.default_rng(0).multinomial(
-        count, np.full(count, 1 / count), DRAWS if draw == "trial" else 0
+        count, np.full(count, 1 / count), REPLICATES if draw == "trial" else 0
     )
-    weights, draws = np.vstack([np.ones(count), drawn]), results
-    if "trial_truth" in draws:  # an error is added to the mean truth
-        draws = draws.assign(estimate=draws.estimate - (draws.trial_truth - draws.truth))
+    weights, scored = np.vstack([np.ones(count), drawn]), results
+    if "trial_truth" in results:  # keep each estimate's error, relative to the mean truth
+        scored = results.assign(estimate=results.estimate - (results.trial_truth - results.truth))
     found = stack(
         [
-            _metrics(draws.isel({case: row, method: column}), weights)
+            _metrics(scored.isel({case: row, method: column}), weights)
             for row, column in np.ndindex(shape)
         ]
     )
@@ -113,7 +113,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
 
 
 def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
-    """Return the metrics of a method in its draws of a case; NaN if it was not asked.
+    """Return the metrics of a method in its draws of a case; NaN if the study does not ask for it.
 
     Weights of the draws, shape (replicate, draw), give a replicate each. The first ones are equal:
     they give the metrics themselves.
@@ -126,10 +126,10 @@ def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
     if not used.any():
         return found
     own, weights = draws.isel(trial=used, bootstrap=used, missing_dims="ignore"), weights[:, used]
-    # A draw of M trials varies less than what it is drawn from; a single one has no spread
+    # Replicates of M trials vary less than the trials, by (M - 1) / M. One trial has no spread.
     factor = used.sum() / (used.sum() - 1 or np.nan)
     factors = np.full(len(weights), factor)
-    factors[0] = factor / factor
+    factors[0] = 1.0 if used.sum() > 1 else np.nan
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # the mean of nothing
         for quantity in map(str, own.quantity.values):
             one, prefix = own.sel(quantity=quantity), "" if quantity == MAIN else f"{quantity} "
@@ -147,9 +147,9 @@ def _once(value: float, weights: Array) -> Array:
 def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array) -> Scores:
     """Return the metrics of a quantity.
 
-    The bias of M trials holds 1 / M of their variance. That of a draw from them holds it twice, of
-    the trials and of drawing from them. The random error of bootstraps is a standard error, with
-    the divisor M - 1.
+    The squared bias of M trials includes 1 / M of their variance. That of a replicate includes it
+    twice: for the trials, and for drawing from them. The random error of bootstraps is a standard
+    error, with the divisor M - 1.
     """
     estimate, truth = own.estimate.values, own.truth.values
     known = np.isfinite(estimate).all(axis=0)

@@ -17,7 +17,7 @@ COLUMNS = (
     *("realizations", "trials", "bootstraps", "metric", "value", "unit", "standard_error"),
     *("viscosity", "scenario", "system"),
 )
-"""Of the summary, as far as they apply."""
+"""Columns of the summary, as far as they apply."""
 LABELS = ("participant", "perturbation", "method", "realizations")
 NAMES = {"profile": "stiffness", "method_key": "method", "time": "time_s"}
 """Columns of tables by the names of coordinates."""

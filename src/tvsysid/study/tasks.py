@@ -44,9 +44,11 @@ class Task:
     ----------
     case
         Label of a scenario, or of a recording.
-    draw, draws
-        Function that returns an ensemble and what its models are compared with, and the numbers
-        that it is called with. If it raises an InputError, all methods fail in that draw.
+    draw
+        Function of a draw's number that returns an ensemble and the truth. If it raises an
+        InputError, all methods fail in that draw.
+    draws
+        Numbers of the draws.
     methods
         Methods by their labels in the results.
     depends_on

@@ -20,7 +20,7 @@ from tvsysid.study.tasks import Task, identity_of
 if TYPE_CHECKING:
     import xarray as xr
 
-SIMULATED_HZ = 1000.0  # rate of a simulation at least; it is a multiple of the decimated rate
+MIN_SIMULATED_HZ = 1000.0  # rates of simulations are multiples of the decimated rate
 TRAITS = ("profile", *Scenario._fields[1:])  # coordinates of a scenario in the results
 
 
@@ -28,8 +28,8 @@ def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]
     """Return a trial, with its noiseless torque and the means of its quantities."""
     simulation = simulate(study, scenario, trial)
     own, pathways = simulation.recording.channels, simulation.pathways
-    both = attrs.evolve(simulation.recording, channels={**own, **pathways})
-    ensemble = segment(decimate(both, study.rate), study.period)
+    with_pathways = attrs.evolve(simulation.recording, channels={**own, **pathways})
+    ensemble = segment(decimate(with_pathways, study.rate), study.period)
     if study.subtract_mean:
         ensemble = subtract_mean(ensemble, pathways)
     torques = {name: ensemble.signal(name)[:, ensemble.core] for name in pathways}
@@ -46,7 +46,7 @@ def simulate(study: Study, scenario: Scenario, trial: int) -> Simulation:
         perturbation=perturbation,
         snr_db=scenario.snr_db,
         seed=study.seed_of(scenario, trial),
-        rate=study.rate * max(1, -(-SIMULATED_HZ // study.rate)),
+        rate=study.rate * max(1, -(-MIN_SIMULATED_HZ // study.rate)),  # rounded up
     )
 
 

@@ -24,7 +24,7 @@ from tvsysid.study.tasks import Task, run_pickled, run_task
 T = TypeVar("T")
 R = TypeVar("R")
 
-UNKNOWN_WORKERS = 32  # assumed of an executor
+UNKNOWN_WORKERS = 32  # workers that an executor is assumed to have
 
 
 def cores() -> int:
@@ -97,7 +97,7 @@ def _by_executor(
     except InputError:
         raise
     except Exception as error:
-        # Tasks are begun in their order, so that each worker has one of the first.
+        # Workers begin tasks in their order, so the first of these are the ones that ran.
         begun = [tasks[file] for file in islice(running.values(), workers)]
         names = dict.fromkeys(f" at {task.case} by {', '.join(task.methods)}" for task in begun)
         raise InputError(
@@ -124,7 +124,7 @@ def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
         # Nobody waits for what is under way, least of all for a method that hangs.
         for child in set(multiprocessing.active_children()) - others:
             child.terminate()
-        # The end of a result that a worker was sending never comes: do not wait for it.
+        # A worker may have sent only a part of its result: do not wait for the rest.
         pool._result_queue._writer.close()  # type: ignore[attr-defined]
         raise
     finally:

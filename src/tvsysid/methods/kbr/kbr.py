@@ -29,15 +29,15 @@ from tvsysid.validators import Validator, is_number, one_of, optional, positive
 
 Weights = Literal["white", "residual"]
 
-DEGREE = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
+NM_PER_DEG = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 # modulus in N·m/rad at 1 Hz of the paper's joint, whose scale is 1 N·m/deg
-USUAL_MODULUS = 100.0
+PAPER_MODULUS = 100.0
 # iterations of the residual weights; a third changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
 CONVERGED = 1e-5  # relative change of the noise variance at which iterations stop
 ITERATIONS = 50  # maximum number of noise variances tried
 INITIAL_NOISE = 1e-3  # initial noise variance, as a share of the torque's power
-# torque of a weight by its prior, over the noise, below which it is not fitted
+# prior variance of a weight's torque, over that of the noise, below which it is not fitted
 NEGLIGIBLE = 1e-2
 
 
@@ -164,16 +164,17 @@ class KernelRegression(shared.ByReference):
         kernel = Kernel.of(ensemble, self.length_periodic, self.length_decay)
         runs = runs_of(ensembles, kernel, self.band)
         variances = np.broadcast_to(self.gamma, 3) * self._scale(runs, kernel) ** 2
-        precision = np.outer(2 / variances, kernel.precision).ravel()  # 2: see fit
+        # The cost of equation 16 gives a weight half the variance of its kernel.
+        precision = np.outer(2 / variances, kernel.precision).ravel()
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
+        torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         for remaining in range(reweighted, -1, -1):
             posterior = fit(runs, kernel, precision)
             each = impedance_over(ensemble, kernel, posterior.mean)
-            left = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, each)
-            left = left[:, edge : ensemble.samples - edge]
+            residuals = (torque - shared.second_order_torque(ensemble, each))[:, known]
             if remaining:
-                runs = whitened(runs, left)
+                runs = whitened(runs, residuals)
         # If each run is a single realization, none has derivatives at its ends.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         impedance = each.mean(axis=0)
@@ -181,7 +182,7 @@ class KernelRegression(shared.ByReference):
         # The error E is complex: its variance is that of two numbers.
         details = {
             "noise_variance": 2 * posterior.noise_variance,
-            "second_order_agreement": shared.residual_agreement(moved, left, edge),
+            "second_order_agreement": shared.residual_agreement(moved, residuals, edge),
         }
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
 
@@ -191,16 +192,17 @@ class KernelRegression(shared.ByReference):
             # The posterior assumes that the noise is as strong as its mean over the fitted band.
             if self.weighting == "white":
                 filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
-                share, filters = posterior.effective / left.size, _in_band(filters, low, high)
-                noise, coloured = shared.noise_colour(moved, left, share, filters)
+                share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
+                noise, coloured = shared.noise_colour(moved, residuals, share, filters)
                 factors *= coloured / power_in_band(noise, low, high)
             times = np.broadcast_arrays(*times_of(ensemble, kernel))
-            features = np.asarray(sum(map(kernel, *times))) / len(times[0])
-            known = features[missing : ensemble.samples - missing]
+            mean_features = np.asarray(sum(map(kernel, *times))) / len(times[0])
+            expansion = mean_features[missing : ensemble.samples - missing]
+            blocks = posterior.covariance.reshape((3, kernel.columns) * 2)
             return shared.posterior_errors(
-                np.stack([known] * 3),
-                np.einsum("qiqj->qij", posterior.covariance.reshape((3, kernel.columns) * 2)),
-                max(1.0, 2 * left.size * (high - low) - posterior.effective),
+                np.stack([expansion] * 3),
+                np.einsum("qiqj->qij", blocks),  # on the diagonal, one of each quantity
+                max(1.0, 2 * residuals.size * (high - low) - posterior.effective),
                 ensemble.samples,
                 factors,
             )
@@ -230,7 +232,7 @@ class KernelRegression(shared.ByReference):
         constants = np.arange(signals - 3, signals) * kernel.columns
         impedance = solve(moments_of(runs, kernel, constants), np.zeros(3)).mean
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
-        return DEGREE / USUAL_MODULUS * float(modulus)
+        return NM_PER_DEG / PAPER_MODULUS * float(modulus)
 
     def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
         """Compare settings by marginal likelihood: l1 and gammas, then decays.
@@ -268,23 +270,24 @@ def fit(runs: Sequence[Runs], kernel: Kernel, precision: Array) -> FittedWeights
     """
     count, torque = len(precision), moments_of(runs, kernel, np.arange(0))
     noise = INITIAL_NOISE * torque.square / torque.number
-    # No regressor has more power than its signal times slow function has at all frequencies.
+    # The power of a signal times a slow function, over all frequencies, bounds a regressor's.
     bounds = sum(
         np.max(each.weights) ** 2 * np.sum(np.abs(each.spectra[:-1]) ** 2, axis=(1, 2))
         for each in runs
     )
     bounds = bounds.reshape(-1, kernel.functions)[:, kernel.slow].reshape(-1, count)
     while True:
-        least = NEGLIGIBLE * noise * precision
-        kept = np.flatnonzero(bounds.max(axis=0) > least)
+        min_power = NEGLIGIBLE * noise * precision
+        kept = np.flatnonzero(bounds.max(axis=0) > min_power)
         columns = np.add.outer(np.arange(0, bounds.size, count), kept)
         moments = moments_of(runs, kernel, columns.ravel())
         powers = moments.gram.diagonal().reshape(columns.shape)
-        visible = powers.max(axis=0) > least[kept]
+        visible = powers.max(axis=0) > min_power[kept]
         kept, moments = kept[visible], moments.take(np.tile(visible, len(columns)))
         found = fit_noise(moments, precision[kept], noise)
         if found.noise_variance >= noise or len(kept) == count:
-            break  # with less noise than was assumed, more weights may count
+            break
+        # With less noise than was assumed, more weights may count.
         noise = 0.5 * found.noise_variance
     with np.errstate(divide="ignore"):
         variances = 1 / precision
@@ -298,7 +301,7 @@ def fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeights
     """Return the fit at the fixed point of the noise variance, from a first guess."""
     own, power, x = moments, moments.square / moments.number, np.arange(len(precision))
     has_instruments = len(moments.cross) > len(x)
-    if has_instruments:
+    if has_instruments:  # their columns z follow the columns x of the angle
         z = x + len(x)
         gram = np.tril(moments.gram) + np.tril(moments.gram, -1).T
         own, surplus = moments.take(z), gram[np.ix_(z, x)] - gram[np.ix_(z, z)]
@@ -350,6 +353,7 @@ def times_of(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
     Both have shape (realization, time), or (1, time) where all realizations have the same features.
     """
     onsets, clocks = ensemble.onsets, clocks_of(ensemble)
+    # Rounding may turn a phase just below the period into the period, which is phase 0.
     if np.ptp(np.round(onsets % kernel.period, 9) % kernel.period) < 1e-9:
         onsets = onsets[:1]
     if not kernel.slow.any():

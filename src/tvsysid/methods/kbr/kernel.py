@@ -39,7 +39,7 @@ class Kernel:
     """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
     Each column is a cosine or sine of a ``harmonic`` times a ``slow`` function, given by its index.
-    ``place`` is the index of the cosine or sine among those of all harmonics, and ``precision`` the
+    ``place`` is the index of the cosine or sine in :meth:`periodic_features`, and ``precision`` the
     column's prior precision for gamma = 1. All have shape (column,). The first column is the
     constant, whose prior precision is 0. The record lasts ``span`` s.
 
@@ -74,16 +74,17 @@ class Kernel:
                 f"over a record of {span:g} s need too many features of each coefficient; give "
                 "fewer realizations, a longer length_decay or a larger length_periodic"
             )
-        # With a decay, the first column alone has slow function 0: the eigenfunctions add up to the
-        # decay.
+        # With a decay, only the first column has slow function 0, because the eigenfunctions alone
+        # add up to the decay.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
         if l2 < STRICT * span:
             nodes, projection, shares = decay_features(float(clocks.min()), span, l2)
             shares = np.insert(shares, 0, 0.0)
-        matter = np.outer(variances, shares) > TOLERANCE
-        matter[0, 0] = True
-        place, slow = np.nonzero(matter[np.arange(1, 2 * len(variances)) // 2])
-        harmonic = (place + 1) // 2
+        kept = np.outer(variances, shares) > TOLERANCE
+        kept[0, 0] = True
+        harmonics = np.arange(1, 2 * len(variances)) // 2  # a cosine and a sine of each but 0
+        place, slow = np.nonzero(kept[harmonics])
+        harmonic = harmonics[place]
         precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
         return cls(period, span, l2, nodes, projection, harmonic, place, slow, precision)
 

@@ -36,11 +36,11 @@ class Runs:
     last the torque, which is multiplied by the first function only. Their ends without derivatives
     are 0. ``spectra`` (signal x function, run, frequency) have ``norm="ortho"``. They begin
     ``reach`` bins below the fitted ``bins``, and end as many above. Each run begins at one of the
-    ``starts`` (run,) in s of the trial and lasts ``periods`` realizations of ``samples`` in all.
+    ``starts`` (run,) in s of the trial. It lasts ``periods`` realizations, together ``samples``.
 
-    The numbers of a run are the real and imaginary parts of the fitted frequencies. They have
-    ``weights`` (number,). The ``external`` terms (term, number) are spectra of half-cosines. A run
-    has ``freedom`` independent numbers.
+    A *number* is the real or the imaginary part at a fitted frequency. ``weights`` (number,)
+    multiply them. The ``external`` terms (term, number) are spectra of half-cosines. A run has
+    ``freedom`` independent numbers.
     """
 
     spectra: ComplexArray
@@ -65,7 +65,8 @@ class Runs:
 
         The ``band`` in Hz is fitted.
         """
-        ensemble, (runs, periods) = ensembles[0], realizations.shape
+        ensemble = ensembles[0]
+        runs, periods = realizations.shape
         rate, samples = ensemble.sampling_rate, periods * ensemble.samples
         lost = max(0, HALF_WIDTH - ensemble.context)
         known = slice(lost, samples - lost)
@@ -81,11 +82,11 @@ class Runs:
         bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
         reach = kernel.highest * periods
         # Spectra of real signals are mirrored at 0 and at the Nyquist frequency.
-        place = np.arange(bins.start - reach, bins.stop + reach) + samples // 2
-        place = place % samples - samples // 2
+        signed = np.arange(bins.start - reach, bins.stop + reach) + samples // 2
+        signed = signed % samples - samples // 2
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
-        spectra = spectra[..., np.abs(place)]
-        np.conjugate(spectra, out=spectra, where=place < 0)
+        spectra = spectra[..., np.abs(signed)]
+        np.conjugate(spectra, out=spectra, where=signed < 0)
         external = external_terms(samples, lost)[:, bins].view(np.float64)
         weights = np.ones(external.shape[1])
         freedom = len(weights) * (1 - 2 * lost / samples)
@@ -103,9 +104,10 @@ class Runs:
         signal, column = np.divmod(np.append(columns, torque), kernel.columns)
         source = (signal * kernel.functions + kernel.slow[column])[:, None]
         shift = kernel.harmonic[column, None] * self.periods
-        # A cosine is half the sum of a turn and its conjugate, a sine that a quarter turn later.
+        # With a turn z, a cosine is 0.5 z + its conjugate, a sine -0.5j z + its conjugate.
+        is_sine = (kernel.place > 0) & (kernel.place % 2 == 0)
         turn = np.exp(2j * np.pi / kernel.period * np.outer(kernel.harmonic, self.starts))
-        turn *= np.where((kernel.place > 0) & (kernel.place % 2 == 0), -0.5j, 0.5)[:, None]
+        turn *= np.where(is_sine, -0.5j, 0.5)[:, None]
         turn, run = turn[column][..., None], np.arange(len(self.starts))
         count, length = self.bins.stop - self.bins.start, max(1, BLOCK // len(run))
         for low in range(0, count, length):
@@ -141,8 +143,8 @@ def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, fl
     found = []
     for length in {len(run) for run in ensemble.runs}:
         if length * ensemble.samples > 2 * lost + 1:
-            alike = np.stack([run for run in ensemble.runs if len(run) == length])
-            found.append(Runs.of(ensembles, alike, kernel, band))
+            realizations = np.stack([run for run in ensemble.runs if len(run) == length])
+            found.append(Runs.of(ensembles, realizations, kernel, band))
     found = [runs for runs in found if runs.weights.size]
     if not found:
         raise InputError(
@@ -157,8 +159,9 @@ def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, fl
 def moments_of(found: Sequence[Runs], kernel: Kernel, columns: NDArray[np.int64]) -> Moments:
     r"""Return sums over the band's frequencies of products of regressors X and torque y.
 
-    X has the ``columns`` of all signals times columns of the kernel. Real and imaginary parts count
-    separately. The smooth external terms T of each run have no prior, and are projected out:
+    The ``columns`` of X are indices among all signals times columns of the kernel. Real and
+    imaginary parts count separately. The smooth external terms T of each run have no prior, and are
+    projected out:
 
     .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
     """

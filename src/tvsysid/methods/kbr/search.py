@@ -68,7 +68,7 @@ class Likelihood:
     r"""Log marginal likelihood by the logs of l1, three prior variances and the noise variance.
 
     The constants have no prior, and are integrated out with unit density (restricted likelihood).
-    The ``moments`` count the effective number of samples. The ``kernel`` has all features.
+    The ``moments`` are those of the effective number of samples, and of all ``kernel`` features.
     """
 
     moments: Moments
@@ -109,12 +109,12 @@ class Likelihood:
         low, high = start.theta - MAX_FALL, start.theta + MAX_FALL
         low[1:4], high[1:4] = start.theta[1:4] - MAX_DROP, start.theta[1:4] + MAX_RISE
         low[0], high[0] = np.log(lengths)
-        # Without this part, the likelihood and the stopping rule have no unit of torque.
-        of_unit = -0.5 * self.moments.number * start.theta[4]
+        # Less this constant, the likelihood and the stopping rule have no unit of torque.
+        constant = -0.5 * self.moments.number * start.theta[4]
 
         def descent(theta: Array) -> tuple[float, Array]:
             value, slope = self(theta)
-            return of_unit - value, -slope
+            return constant - value, -slope
 
         found = scipy.optimize.minimize(
             descent,
@@ -129,7 +129,7 @@ class Likelihood:
                 "the settings of kbr cannot be found from the data: so few realizations are "
                 "explained without any noise; give more realizations, or the settings"
             )
-        return attrs.evolve(start, theta=found.x, value=of_unit - float(found.fun))
+        return attrs.evolve(start, theta=found.x, value=constant - float(found.fun))
 
 
 def tried_settings(
@@ -137,8 +137,8 @@ def tried_settings(
 ) -> list[Settings]:
     """Return all settings that are tried: those given, each l1 without decay, and decays.
 
-    ``noise`` is about the residual variance of the given settings, ``share`` the effective fraction
-    of independent samples.
+    ``noise`` is the residual variance of the given settings without decay, ``share`` the effective
+    fraction of independent samples.
     """
 
     def likelihood_of(settings: Settings) -> Likelihood | None:

@@ -25,8 +25,9 @@ from tvsysid.validators import with_settings
 if TYPE_CHECKING:
     from tvsysid.methods.tuning import Evidence
 
-MIN_SHARE = 0.01  # of the angle that a reference must predict for any method
-WEAK = 0.5  # below which there is a warning
+# Shares of the angle that a reference predicts
+MIN_SHARE = 0.01  # for any method
+WEAK_SHARE = 0.5  # below, there is a warning
 
 
 class ByReference(Method):
@@ -64,7 +65,7 @@ class ByReference(Method):
         )
         diagnostics = attrs.evolve(
             model.diagnostics,
-            warnings=(*model.diagnostics.warnings, *[warned] * (explained < WEAK)),
+            warnings=(*model.diagnostics.warnings, *[warned] * (explained < WEAK_SHARE)),
             details={**model.diagnostics.details, "predicted_by_reference": 100 * explained},
         )
         return attrs.evolve(model, diagnostics=diagnostics)
@@ -72,6 +73,7 @@ class ByReference(Method):
     def _evidence(self, ensemble: Ensemble) -> Evidence:
         if self.reference is None:
             return self._open_loop_evidence(ensemble)
+        # Noise does not move the predicted angle, so the loop is open.
         moved, _ = self._moved(ensemble, self.reference)
         return with_settings(self, reference=None)._open_loop_evidence(moved)
 
@@ -111,9 +113,9 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
             f"the reference {reference!r} does not vary between realizations, so it cannot "
             "predict how the angle differs between them"
         )
-    early, late = lag_samples(ensemble.sampling_rate)
-    whole = np.pad(values, ((0, 0), (late, early)))
-    past = history(ensemble, values, late + ensemble.context)
+    after, before = lag_samples(ensemble.sampling_rate)
+    whole = np.pad(values, ((0, 0), (before, after)))
+    past = history(ensemble, values, before + ensemble.context)
     whole[:, : past.shape[1]] = np.where(np.isnan(past), whole[:, : past.shape[1]], past)
     groups = realization_groups(ensemble.trials, ensemble.onsets)
     return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, groups)

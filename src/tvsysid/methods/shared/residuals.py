@@ -21,9 +21,9 @@ from tvsysid.numerics.noise import (
 from tvsysid.numerics.second_order import agreement_of_moments, derivative_filters
 from tvsysid.signals import Array, Ensemble
 
-# seconds up to which the noise's autocorrelation counts; the angle's own hardly reaches further
-LONGEST_COLOUR = 0.25
-LEAST_LEFT = 0.1  # minimum share of the noise's variance that is in a residual
+# lag up to which the noise's autocorrelation counts; the angle's own hardly reaches further
+MAX_NOISE_LAG_S = 0.25
+MIN_RESIDUAL_SHARE = 0.1  # of the noise's variance
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
@@ -38,7 +38,7 @@ def independent_realizations(ensemble: Ensemble) -> int:
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
     """Return the effective fraction of independent samples for stiffness.
 
-    It is not 1 because the residual is not white. ``predicted`` is the torque (realization, time)
+    It is below 1 if the residual is not white. ``predicted`` is the torque (realization, time)
     of some model, ``band`` the fitted frequencies in Hz; see
     :func:`tvsysid.numerics.noise.white_share`.
     """
@@ -81,39 +81,40 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
     edge = missing_edge(HALF_WIDTH, ensemble)
     inner = impedance[edge : ensemble.samples - edge]
     filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-    left = residual(ensemble, np.nan_to_num(inner) @ filters)
+    residuals = residual(ensemble, np.nan_to_num(inner) @ filters)
     times = np.flatnonzero(np.isfinite(inner).all(axis=1))
     first, stop = (int(times[0]), times[-1] + 1) if times.size else (0, 0)
-    return left[:, first:stop], edge + first
+    return residuals[:, first:stop], edge + first
 
 
-def noise_ratio(measured: Array, predicted: Array) -> float:
-    """Return the power of the residual with the measured angle over that with the predicted angle.
+def noise_ratio(of_measured: Array, of_predicted: Array) -> float:
+    """Return the power of the residual of the measured angle over that of the predicted angle.
 
-    The residual with the predicted angle also holds the torque of the movement that noise causes.
+    The residual of the predicted angle also holds the torque of the movement that noise causes.
     """
-    return float(np.sum(measured**2) / np.sum(predicted**2))
+    return float(np.sum(of_measured**2) / np.sum(of_predicted**2))
 
 
-def residual_agreement(ensemble: Ensemble, left: Array, first: int) -> float:
-    """Return how much of the torque that depends on the angle a fit explains, in per cent.
+def residual_agreement(ensemble: Ensemble, residuals: Array, first: int) -> float:
+    """Return the share in % that a fit explains of the torque that depends on the angle.
 
-    ``left`` (realization, time) is the residual of the torque from the time ``first`` on, at times
-    at which the derivatives of the angle are known. In closed loop, the ensemble must have the
-    angle predicted from a reference: the part of the measured one that noise moves is correlated
-    with the noise in the residual. See
+    ``residuals`` (realization, time) of the torque begin at the time ``first``. The derivatives of
+    the angle must be known at all their times. In closed loop, the ensemble must have the angle
+    predicted from a reference: the part of the measured one that noise moves is correlated with
+    the noise in the residual. See
     :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
-    if not left.size:
+    if not residuals.size:
         return float("nan")
-    start, stop = ensemble.context + first, ensemble.context + first + left.shape[1]
+    start, stop = ensemble.context + first, ensemble.context + first + residuals.shape[1]
     angle = ensemble.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
-    cross = diagonal_moments(left, angle, 2 * HALF_WIDTH).mean(axis=0)
+    cross = diagonal_moments(residuals, angle, 2 * HALF_WIDTH).mean(axis=0)
     products = diagonal_moments(angle, angle, 2 * HALF_WIDTH)
-    moments = np.einsum("tjk->jk", window_matrices(products, products)) / left.shape[1]
-    fitted = np.linalg.norm(ensemble.torque[:, start:stop] - left) ** 2 / left.size
-    unexplained = np.linalg.norm(left) ** 2 / left.size
-    return agreement_of_moments(float(fitted), cross, moments, float(unexplained), left.size)
+    moments = np.einsum("tjk->jk", window_matrices(products, products)) / residuals.shape[1]
+    count = residuals.size
+    fitted = np.linalg.norm(ensemble.torque[:, start:stop] - residuals) ** 2 / count
+    unexplained = np.linalg.norm(residuals) ** 2 / count
+    return agreement_of_moments(float(fitted), cross, moments, float(unexplained), count)
 
 
 def noise_correlation(covariance: Array, absorbed: Array) -> Array:
@@ -124,13 +125,13 @@ def noise_correlation(covariance: Array, absorbed: Array) -> Array:
     """
     if covariance[0] <= 0:
         return np.asarray(np.arange(len(absorbed)) == 0, dtype=np.float64)
-    variance = covariance[0] / max(1 - absorbed[0], LEAST_LEFT)
+    variance = covariance[0] / max(1 - absorbed[0], MIN_RESIDUAL_SHARE)
     return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + absorbed[1:]]))
 
 
 def noise_colour(
     ensemble: Ensemble,
-    left: Array,
+    residuals: Array,
     absorbed: Array | float,
     filters: Array,
     overlap: Array | float = 1.0,
@@ -141,11 +142,11 @@ def noise_colour(
 
     Parameters
     ----------
-    left
-        Residual (realization, time) of the fit.
+    residuals
+        Residuals (realization, time) of the fit.
     absorbed
-        Share of the noise's power that the fit would explain if its regressors were the same at all
-        lags, (lag,) or one for all; for noise whose mean over realizations was not subtracted.
+        Share of the noise's power that the fit explains, before the mean over realizations is
+        subtracted: (lag,) or one number. It falls over lags with the regressors' correlation.
     filters
         Filters (regressor, tap) that give the regressors from lagged angles.
     overlap
@@ -156,13 +157,13 @@ def noise_colour(
     regressors = regressor_covariances(filters, products)
     share = absorbed * len(ensemble) / independent_realizations(ensemble)
     correlated = np.asarray(share * regressor_correlation(regressors))
-    noise = noise_correlation(autocovariance(left, lags), correlated)
+    noise = noise_correlation(autocovariance(residuals, lags), correlated)
     return noise, colour_factors(regressors, noise * overlap)
 
 
 def colour_lags(ensemble: Ensemble) -> int:
     """Return the number of lags of the noise's autocorrelation, at most a realization's samples."""
-    return min(round(LONGEST_COLOUR * ensemble.sampling_rate), int(ensemble.angle.shape[1]))
+    return min(round(MAX_NOISE_LAG_S * ensemble.sampling_rate), int(ensemble.angle.shape[1]))
 
 
 def posterior_errors(

@@ -36,8 +36,8 @@ class Windows(NamedTuple):
 
     ``weights`` (time, lag) and ``rank`` describe the solution. These have shape (time,): the number
     of ``samples`` in the window, the number of ``independent`` ones, the ``noise`` variance and its
-    degrees of ``freedom``. ``readout`` (time, 3, lag) gives stiffness, viscosity and inertia from
-    the correlations with the torque. ``fit`` (time, 3) is a second-order fit.
+    degrees of ``freedom``. ``fit`` (time, 3) is a second-order fit. ``readout`` (time, 3, lag)
+    gives the impedance from the correlations with the torque: the area, and the rest of the fit.
     """
 
     weights: Array
@@ -56,16 +56,17 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     The correlations are means over realizations and a window of time. The window reaches ``half``
     samples to either side, and is cut short where the context ends. ``solve`` gives the solution
     from :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged.
-    The noise is the residual of all directions of the lagged angles. The residual of the truncated
+    The noise is the residual of the solution without truncation. The residual of the truncated
     solution would be too small, because the same noise chose its directions.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * (lags + margin)
-    realizations, last = independent_realizations(ensemble), times + 2 * margin
+    # Sample 0 below is the one `margin` before the first time.
+    realizations, length = independent_realizations(ensemble), times + 2 * margin
     derivative = derivative_filters(lags, ensemble.sampling_rate)
     parts = []
     for chunk in time_chunks(times, 2 * lags + 1):
-        begin, end = max(0, chunk.start + margin - half), min(last, chunk.stop + margin + half)
+        begin, end = max(0, chunk.start + margin - half), min(length, chunk.stop + margin + half)
         within = slice(begin, end + 2 * lags)
         centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
         summed = np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags)
@@ -81,9 +82,10 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
         area = solution.inverse.sum(axis=2)[:, None]
         readout = np.concatenate([area, (inverse @ derivative)[:, 1:]], axis=1)
         freedom = independent - solution.usable
-        left = np.maximum(square - solution.explained, 0.0)
-        noise = np.where(freedom > 0, left * count / np.maximum(freedom, 1), np.nan)
-        parts.append((*solution[:2], count, independent, noise, freedom, readout, fit))
+        unexplained = count * np.maximum(square - solution.explained, 0.0)
+        noise = np.where(freedom > 0, unexplained / np.maximum(freedom, 1), np.nan)
+        rank = solution.rank
+        parts.append((solution.weights, rank, count, independent, noise, freedom, readout, fit))
     return Windows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
@@ -109,8 +111,8 @@ def window_model(
     """
     lags = windows.weights.shape[1] // 2
     missing = missing_edge(lags, ensemble)
-    left, first = second_order_residual(moved, padded(windows.fit, missing))
-    details = {"second_order_agreement": residual_agreement(moved, left, first)}
+    residuals, first = second_order_residual(moved, padded(windows.fit, missing))
+    details = {"second_order_agreement": residual_agreement(moved, residuals, first)}
     rank = padded(windows.rank.astype(float), missing)
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
     enough, reason = windows.independent >= needed, ""
@@ -146,8 +148,8 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     # variance of the residual, but not its autocovariance at other lags.
     absorbed = np.zeros(2 * half + 1)
     absorbed[0] = np.mean(windows.rank / windows.independent)
-    left = autocovariance(residual(ensemble, windows.weights), 2 * half)
-    root = np.linalg.cholesky(toeplitz(noise_correlation(left, absorbed)))
+    covariance = autocovariance(residual(ensemble, windows.weights), 2 * half)
+    root = np.linalg.cholesky(toeplitz(noise_correlation(covariance, absorbed)))
     angle, _, margin = _within_reach(ensemble, lags, half)
     times, cut = len(windows.fit), half - margin
     sums = []

@@ -74,7 +74,7 @@ class StandardError:
         return np.maximum(values - width, self.minimum), values + width
 
     def multiple(self, level: float, simultaneous: bool) -> Array:
-        """Return the half width of a band in standard errors, where the standard error is known."""
+        """Return the half width of a band in standard errors, for each known standard error."""
         freedom = self.freedom[np.isfinite(self.values)]
         if simultaneous:
             return simultaneous_value(level, freedom, self.arc)

@@ -68,8 +68,8 @@ def compare(
         method, label = parse(item) if isinstance(item, str) else item, label_of(item)
         if chosen.setdefault(label, method) != method:
             raise InputError(
-                f"compare: two methods have the name {label}. Settings that are fields of the "
-                "class tell them apart"
+                f"compare: two methods have the name {label}. Make their settings fields of the "
+                "class, so that the name holds them"
             )
     queue = list(chosen.items())
     models: dict[str, Model] = {}

@@ -75,7 +75,7 @@ class Answer:
         Label of the method whose stiffness is stated, and its model: a recommended one, or
         ``adaptive``, or the one that predicts held-out realizations best.
     is_recommended
-        Whether the data recommend this method, or it is ``adaptive``.
+        Whether the data recommend this method. ``adaptive`` always counts as recommended.
     trust
         ``"good"``, ``"doubtful"``, or ``"none"`` if no stiffness is stated.
     reasons

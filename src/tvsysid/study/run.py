@@ -65,16 +65,17 @@ def run(
     Returns
     -------
     xarray.Dataset
-        Of a simulation study over (scenario, trial, method_key) and, where it applies, quantity,
-        time or pathway: ``estimate``, ``covered`` (whether the 95 % band holds the truth),
-        ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (of the noiseless torque, means over
-        realizations), ``pathway_vaf`` (of several pathways), ``seconds``, ``warnings``,
-        ``failure`` (why there is no result, or nothing), and ``truth`` over (scenario, quantity,
-        time), with ``trial_truth`` where it differs from trial to trial. Of an experiment over
-        (recording, analysis), bootstrap, quantity and time: the same without bands, with VAFs of
-        the torque recorded in the realizations that were drawn; and over recording: numbers of
-        realizations and trials, ``remarks``, and over time ``target_torque``, ``mean_torque`` and
-        ``truth`` (NaN for people).
+        A simulation study has results over (scenario, trial, method_key) and, where it applies,
+        quantity, time or pathway: ``estimate``, ``covered`` (whether the 95 % band holds the
+        truth), ``time_varying_vaf``, ``vaf``, ``bandpassed_vaf`` (of the noiseless torque, means
+        over realizations), ``pathway_vaf`` (of several pathways), ``seconds``, ``warnings`` and
+        ``failure`` (empty, or why there is no result). ``truth`` has (scenario, quantity, time).
+        ``trial_truth`` is there if the truth differs from trial to trial.
+
+        An experiment has the same over (recording, analysis), bootstrap, quantity and time, without
+        bands. Its VAFs are of the recorded torque. Over recording, it has numbers of realizations,
+        ``remarks`` and, over time, ``target_torque``, ``mean_torque`` and ``truth`` (NaN for
+        people).
 
     Raises
     ------

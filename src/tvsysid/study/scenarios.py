@@ -177,8 +177,8 @@ class Study(Settings):
                 part, label = resolved(value), label_of(value)
                 if repr(parts[name].setdefault(label, part)) != repr(part):
                     raise InputError(
-                        f"{name}: two objects have the same name, {label}; as attrs classes or "
-                        "dataclasses their settings tell them apart"
+                        f"{name}: two objects have the same name, {label}; make them attrs classes "
+                        "or dataclasses, so that the name holds their settings"
                     )
         return parts
 

@@ -92,8 +92,8 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
 def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:
     """Return angle and torque as far as lags and windows reach.
 
-    Return also how many samples of a window may lie beyond either end of the realization. The lags
-    need the rest of the context.
+    Return also the margin: how many samples of context windows may use at either end. The lags need
+    the rest.
     """
     margin = min(half, max(0, ensemble.context - lags))
     first = ensemble.context + missing_edge(lags, ensemble) - margin - lags
@@ -153,7 +153,7 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     angle, _, margin = _within_reach(ensemble, lags, half)
     times, cut = len(windows.fit), half - margin
     sums = []
-    # Windows near the ends are cut short, each to another length.
+    # Windows near the ends are cut short, each to another length. The others have one length.
     edges = [time for time in range(times + 1) if not cut < time < times - cut]
     for start, stop in pairwise(edges):
         begin, end = max(0, start - cut), min(start - cut + len(absorbed), times + 2 * margin)

@@ -59,9 +59,9 @@ def test_evidence_and_posterior_are_those_of_the_dense_gaussian_process(random, 
                 gain, mean, error = dense_posterior(estimate, covariance, found)
                 chance = log_prior - bool(positions) * np.log(6 if periodic else 3)
                 assert found.evidence == pytest.approx(gain + chance, abs=1e-5)
-                over_time = averaging.OverTime.of(found, switches.positions[None])
-                np.testing.assert_allclose(over_time.means[:, 0], mean, atol=1e-6)
-                np.testing.assert_allclose(over_time.variances[:, 0], error**2, atol=1e-6)
+                curve = averaging.CurvePosterior.of(found, switches.positions[None])
+                np.testing.assert_allclose(curve.means[:, 0], mean, atol=1e-6)
+                np.testing.assert_allclose(curve.variances[:, 0], error**2, atol=1e-6)
         own, last = smooth.steps(np.array(positions[:2])), smooth.steps(np.array(positions[2:]))
         expected = smooth.scores_of(own.joined(last)).max()
         assert smooth.scores_with(own, last).max() == pytest.approx(expected, abs=1e-8)
@@ -81,12 +81,12 @@ def test_smooth_parts_are_gaussian_processes(axis):
         assert min(np.ptp(each) for each in apart) < 0.2
 
 
-@pytest.mark.parametrize(("rate", "taps"), [(100, 1.5), (200, 3.0)])
-def test_steps_are_recorded_as_the_decimation_smears_them(rate, taps):
+@pytest.mark.parametrize(("rate", "reach"), [(100, 1.5), (200, 3.0)])
+def test_steps_are_recorded_as_the_decimation_smears_them(rate, reach):
     time = np.arange(2000) / 1000
     recording = tv.Recording(np.sin(time), (time >= 1.0037).astype(float), 1000.0)
     torque = tv.preprocess.decimate(recording, rate).torque
-    axis = prior.Axis(len(torque), periodic=False, taps=taps)
+    axis = prior.Axis(len(torque), periodic=False, filter_reach=reach)
     between = axis.steps(np.array([1.0035 * rate]), recorded=True)[:, 0]
     np.testing.assert_allclose(between, torque, atol=0.012)
 

@@ -18,7 +18,7 @@ from tvsysid.methods.cascade.columns import (
     intrinsic_filters,
     muscle,
 )
-from tvsysid.methods.cascade.fit import Fit, log_evidence, ridge
+from tvsysid.methods.cascade.fit import Fit, posterior_of, relative_log_evidence
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
@@ -67,7 +67,7 @@ def every_column(fit):
     """All columns, and the derivatives by the shape, (column, realization, time)."""
     bases = np.split(fit.data.functions.T, fit.data.starts[1:])
     parts = [x * a[:, None] for x, a in zip(fit.data.signals, bases, strict=True)]
-    return np.concatenate([*parts, fit.columns, fit.slopes()])
+    return np.concatenate([*parts, fit.reflex_columns, fit.slopes()])
 
 
 def dot(columns, others):
@@ -149,16 +149,16 @@ def test_evidence_is_that_of_the_samples_and_limits_are_kept(random):
     columns, torque = random.normal(size=(40, 5)), random.normal(size=40)
     spread, every = np.array([1e4, 0.5, 2.0, 0.1, 1.0]), np.column_stack([columns, torque])
     moments = Moments.of(every.T @ every, 40.0)
-    found = ridge(moments, spread)
+    found = posterior_of(moments, spread)
     covariance = np.eye(40) + (columns * spread**2) @ columns.T
     left = torque @ np.linalg.solve(covariance, torque)
     assert found.noise_variance == pytest.approx(left / 40)
     expected = -20 * np.log(left / moments.square) - np.linalg.slogdet(covariance)[1] / 2
-    assert log_evidence(found, moments.square) == pytest.approx(expected, abs=1e-5)
+    assert relative_log_evidence(found, moments.square) == pytest.approx(expected, abs=1e-5)
 
     positive = random.normal(size=(30, 5)) + 1.0
     assert (positive @ found.mean).min() < 0
-    mean = ridge(moments, spread, positive).mean
+    mean = posterior_of(moments, spread, positive).mean
     assert (positive @ mean).min() > -1e-12
     # Against the limits that are touched, and no others, the posterior density rises.
     touched = positive[positive @ mean < 1e-9]

@@ -70,9 +70,9 @@ def test_the_derivatives_of_the_evidence_are_those_of_differences(seed, noise):
     steps = 1e-3 * np.eye(1 + len(precision))
     differences = [(evidence(each) - evidence(-each)) / 2e-3 for each in steps]
     tolerance = 1e-7 * max(1.0, abs(found.log_evidence))
-    slopes = [found.by_noise, *found.by_variances]
+    slopes = [found.noise_gradient, *found.variance_gradient]
     np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=tolerance)
-    assert not found.by_variances[:2].any()
+    assert not found.variance_gradient[:2].any()
 
 
 def test_a_column_of_zeros_keeps_its_prior():

@@ -13,7 +13,7 @@ import numpy as np
 from tvsysid import preprocess
 from tvsysid.comparison.identify import compare
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.cascade.reflex_test import predicts_better
+from tvsysid.methods.cascade.reflex_test import prediction_p_value
 from tvsysid.metrics import vaf
 from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
 from tvsysid.recommendation.answer import LOOP_FAULTS
@@ -175,7 +175,7 @@ def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> 
     ensembles = [cut(delay) for delay in delays]
     vafs = _held_out_vafs(ensembles) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
     best = int(np.argmax(vafs.mean(axis=1)))
-    if not predicts_better(100 - vafs[best], 100 - vafs[-1]) < SIGNIFICANCE:
+    if not prediction_p_value(100 - vafs[best], 100 - vafs[-1]) < SIGNIFICANCE:
         return float(delays[-1]), f"{what}; all of it is corrected"
     amount = f"half of it ({1000 * abs(delays[best]):.3g} ms)" if best else "none of it"
     reason = "adaptive then predicts held-out realizations better than with all of it corrected"

@@ -112,7 +112,7 @@ class ModalDecomposition(base.Method):
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
         samples, rate = ensemble.samples, ensemble.sampling_rate
-        whole, inertia_error = mean_impedance(ensemble)
+        average, inertia_error = mean_impedance(ensemble)
         clear, reach = math.ceil(CLEAR * self.window * rate), round(REACH * self.window * rate)
         found = np.full((len(ensemble), samples, 3), np.nan)
         for run in ensemble.runs:
@@ -124,17 +124,17 @@ class ModalDecomposition(base.Method):
             )
             for peak, following in pairwise([*peaks, len(angle)]):
                 # Windows that hold nothing but ringing
-                longest = peak + clear + round(MAX_RINGING_S * rate)
-                last = min(longest, following - clear, len(angle) - reach - 1)
+                latest = peak + clear + round(MAX_RINGING_S * rate)
+                last = min(latest, following - clear, len(angle) - reach - 1)
                 times = np.arange(max(peak + clear, reach), last + 1)
                 if len(times) >= MIN_SAMPLES:
                     realizations = run[times // samples]
                     found[realizations, times % samples] = track(
-                        angle, times, self.window, rate, whole
+                        angle, times, self.window, rate, average
                     )
         count = np.isfinite(found).sum(axis=0)
         mean, spread = mean_and_spread(found)
-        values = np.hypot(spread / np.sqrt(count), inertia_error / whole[-1] * mean)
+        values = np.hypot(spread / np.sqrt(count), inertia_error / average[-1] * mean)
         errors = shared.standard_errors(values, count - 1.0)
         estimates = shared.impedance_estimates(mean, errors)
         return Model.of(ensemble, estimates=estimates, parameters=2.0)
@@ -168,7 +168,7 @@ def track(
     frequency = math.sqrt(stiffness / inertia - decay**2)
     reach = round(REACH * width * rate)
     lags = np.arange(-reach, reach + 1) / rate
-    # Equal weights before and after the time
+    # The square of the decaying wave has equal weights before and after the time.
     weights = np.exp(2 * decay * lags - (lags / width) ** 2 / 2)
     segments = angle[times + np.arange(-reach, reach + 1)[:, None]]
     for _ in range(ROUNDS):

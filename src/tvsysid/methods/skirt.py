@@ -39,13 +39,13 @@ class SkirtDecomposition(base.Method):
               = k(t) + j\omega_k\, b(t) - I\,\omega_k^2
 
     Stiffness and viscosity, as sums of harmonics, and a constant inertia are fitted to the torque
-    of all lines by least squares, weighted by the noise near each line. The lines are looked for in
-    the angle, and what a line U is comes from the angle itself, so that filters that angle and
-    torque pass alike do not matter.
+    of all lines by least squares, weighted by the noise near each line. The lines and their
+    complex amplitudes U are estimated from the angle. So filters that angle and torque pass alike
+    do not matter.
 
     Notes
     -----
-    H of the period p, the duration of a realization, is the highest harmonic whose skirts the
+    H is the highest harmonic of the period p (the duration of a realization) whose skirts the
     torque shows; ``harmonics`` among the diagnostics' details has it. Skirts may not overlap: lines
     must be more than 2 H / p apart. A warning says where skirts are left.
 
@@ -92,7 +92,7 @@ class SkirtDecomposition(base.Method):
         lines, shown = Lines.of(ensemble), [0]
         # Distance of lines, in harmonics of the period
         room = float(np.diff(np.sort(lines.frequencies)).min()) * ensemble.duration - ON_GRID
-        while shown:
+        while shown:  # until no further harmonic has skirts
             harmonics = max(shown)
             fit = SkirtFit.of(ensemble, lines, harmonics)
             # Skirts that do not meet those that are fitted
@@ -140,7 +140,7 @@ class Lines(NamedTuple):
         """Return the lines that are found in the angle."""
         angle = ensemble.angle[:, ensemble.core]
         lines = find_lines(angle[max(ensemble.runs, key=len)].ravel(), ensemble.sampling_rate)
-        if ensemble.mean_subtracted:  # which leaves lines at multiples of 1/period
+        if ensemble.mean_subtracted:  # the mean contains lines at multiples of 1/period
             turns = lines * ensemble.duration
             lines = lines[np.abs(turns - np.round(turns)) > ON_GRID]
         time = ensemble.onsets[:, None] + ensemble.time

@@ -51,8 +51,8 @@ def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> Array:
     """Return weights (time, lag) of all lagged signals.
 
     In each turn, the intrinsic pathway is fitted to the torque that the reflex leaves, then the
-    reflex to the torque that the intrinsic pathway leaves. The last turn is the one before one that
-    explains less than ``min_gain`` more.
+    reflex to the torque that the intrinsic pathway leaves. The turns end when one
+    explains less than ``min_gain`` more of the torque. Its weights are not used.
     """
     gram, cross, square, lags, realizations = lagged
     best, explained = np.zeros(cross.shape), -np.inf
@@ -61,6 +61,7 @@ def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> Array:
         for own in slice(lags), slice(lags, None):
             weights[:, own] = 0.0
             left = cross - np.einsum("tij,tj->ti", gram, weights)
+            # |y|² - |y - X w|² = wᵀ (c + c - G w)
             unexplained = square - np.sum(weights * (cross + left), axis=1)
             weights[:, own] = solver(gram[:, own, own], left[:, own], unexplained, realizations)
         left = cross - np.einsum("tij,tj->ti", gram, weights)

@@ -32,8 +32,8 @@ TINY = float(np.finfo(np.float64).tiny)
 class Moments(NamedTuple):
     """Sums of products of columns X (sample, column) and an output y (sample,).
 
-    ``gram`` is XᵀX, of which only the lower triangle is read, ``cross`` Xᵀy and ``square`` yᵀy.
-    ``number`` is the effective number of independent samples.
+    ``gram`` is XᵀX, ``cross`` is Xᵀy, and ``square`` is yᵀy. ``number`` is the effective number of
+    independent samples. :func:`solve` reads only the lower triangle of ``gram``.
     """
 
     gram: Array
@@ -43,11 +43,12 @@ class Moments(NamedTuple):
 
     @classmethod
     def of(cls, products: Array, number: float) -> Moments:
-        """Split the products of columns and output, the output last."""
+        """Return the moments from the products of the columns [X, y] with each other."""
         return cls(products[:-1, :-1], products[-1, :-1], float(products[-1, -1]), number)
 
     def take(self, columns: Columns) -> Moments:
         """Return the moments of some columns."""
+        # Transposed twice, so that gram is in the column order that LAPACK needs.
         return self._replace(
             gram=self.gram.T[np.ix_(columns, columns)].T, cross=self.cross[columns]
         )
@@ -80,7 +81,7 @@ class Posterior:
         Prior precision (column,); 0 for a flat prior.
     noise_variance
         Variance of each sample's noise.
-    left
+    penalized_residual
         Penalized sum of squared residuals, :math:`\|y - X m\|^2 + \sigma^2 m^T P m`.
     number
         Number of samples.
@@ -90,7 +91,7 @@ class Posterior:
     inverse_factor: Array
     precision: Array
     noise_variance: float
-    left: float
+    penalized_residual: float
     number: float
 
     @property
@@ -112,7 +113,7 @@ class Posterior:
     @property
     def residual(self) -> float:
         """Return the sum of squared residuals y - X m."""
-        return self.left - self.noise_variance * float(self.precision @ self.mean**2)
+        return self.penalized_residual - self.noise_variance * float(self.precision @ self.mean**2)
 
     @property
     def log_determinant(self) -> float:
@@ -137,17 +138,17 @@ class Posterior:
             proper * math.log(2 * math.pi)
             + self.number * math.log(self.noise_variance)
             + self.log_determinant
-            + self.left / self.noise_variance
+            + self.penalized_residual / self.noise_variance
         )
 
     @property
-    def by_variances(self) -> Array:
+    def variance_gradient(self) -> Array:
         """Return the derivatives of the log evidence with respect to the log prior variances."""
         slopes = 0.5 * (self.precision * self.mean**2 - self.determined)
         return np.where(self.precision > 0, slopes, 0.0)
 
     @property
-    def by_noise(self) -> float:
+    def noise_gradient(self) -> float:
         """Return the derivative of the log evidence with respect to the log noise variance."""
         return 0.5 * (self.residual / self.noise_variance - (self.number - self.effective))
 
@@ -162,6 +163,7 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     >>> solve(moments, precision=np.zeros(1)).mean
     array([3.])
     """
+    # Columns are scaled to unit norm, and the prior is added to the diagonal.
     scale = 1 / np.sqrt(_powers(moments.gram))
     system = np.multiply(moments.gram, scale, order="F")
     system *= scale[:, None]
@@ -174,15 +176,15 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     mean = scale * lapack.dpotrs(factor, moments.cross * scale, lower=1)[0]
     inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
     inverse_factor *= scale
-    left = moments.square - float(mean @ moments.cross)
-    return Posterior(mean, inverse_factor, precision, noise_variance, left, moments.number)
+    residual = moments.square - float(mean @ moments.cross)
+    return Posterior(mean, inverse_factor, precision, noise_variance, residual, moments.number)
 
 
 class FittedWeights(NamedTuple):
     """Posterior of the weights, with the noise variance estimated from the data.
 
-    ``effective`` is the effective number of parameters. ``log_evidence`` is NaN if the prior was
-    not chosen by it.
+    ``effective`` is the effective number of parameters. ``log_evidence`` is NaN if the
+    prior was not chosen by maximum evidence.
     """
 
     mean: Array
@@ -213,8 +215,8 @@ def by_instruments(
 ) -> FittedWeights:
     r"""Return the weights of columns X that contain noise, by instruments Z without noise.
 
-    The ``fit`` has Z in the place of X. It gives a posterior mean m and covariance C for a noise
-    variance s. The weights follow from them for any prior P:
+    The ``fit`` is the regression of y on Z. It has the posterior mean m and covariance C for a
+    noise variance s. The weights follow from them for any prior P:
 
     .. math:: (Z^T X + s P)\, \hat w = Z^T y \iff \hat w = M m, \qquad
               M = (1 + C\, Z^T (X - Z) / s)^{-1}

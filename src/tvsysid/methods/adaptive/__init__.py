@@ -8,8 +8,9 @@ The method in ``adaptive`` takes four steps:
 2. ``prior`` lists the smooth parts that stiffness may have: kernels of some amplitude and length.
    ``smooth_priors`` is the place for another kernel. ``search`` finds sets of switches beside them.
 3. ``evidence`` gives each model, a smooth part with a set of switches, the probability of the curve
-   under it, with all coefficients integrated out. A rough smooth part fits any curve, and so makes
-   this one improbable. A part that is too smooth leaves more than the noise explains.
+   under it, with all coefficients integrated out. A smooth part that may change fast fits any
+   curve, and so makes this one improbable. One that changes too slowly leaves more than the noise
+   explains.
 4. ``averaging`` averages the models, weighted by their evidence; ``average`` has all steps from
    the curve on. ``model`` has the bands of this mixture, and lists its switches.
 

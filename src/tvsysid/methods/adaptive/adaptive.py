@@ -14,14 +14,14 @@ from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
 from tvsysid.methods.adaptive.regression import A, FreeRegression, Signals, V, pooling_reach
 from tvsysid.methods.adaptive.search import CurveModel
-from tvsysid.methods.cascade.cascade import JointCascade, contradicted
+from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.signals import Ensemble
 
 MIN_REALIZATIONS = 4
-MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # of a realization that have derivatives
+MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # at which a realization has derivatives
 
 Hypotheses = Mapping[str, Sequence[Hypothesis]]  # by quantity
 
@@ -35,8 +35,8 @@ class AdaptiveRegression(base.Method):
     .. math:: y(t) = k(t)\,\theta + b(t)\,\dot\theta + I\,\ddot\theta + e(t), \qquad
               k(t) = c + f(t) + \sum_j \Delta_j\, h_{s_j}(t)
 
-    Stiffness is a constant c plus a smooth part f plus a few switches. A switch by
-    :math:`\Delta_j` at :math:`s_j`, also between samples, is a unit step h. The smooth part may be
+    Stiffness is a constant c plus a smooth part f plus a few switches. A switch of the size
+    :math:`\Delta_j` is a unit step h at :math:`s_j`, also between samples. The smooth part may be
     absent, a Gaussian process (squared-exponential, or Matérn 3/2 for corners) of some standard
     deviation and length, or a sum of few cosines and sines. All these models are averaged, weighted
     by their evidence, with any number, size and time of the switches.
@@ -68,11 +68,11 @@ class AdaptiveRegression(base.Method):
     inertia 3 % too large. The error of z also includes the misfit of the second-order model that
     all realizations share.
 
-    All further steps use the free estimate and small matrices. With A the products of switches with
-    each other, b those with the free estimate, both after the smooth part is regressed out, and
+    All further steps use the free estimate and small matrices. With G the products of switches with
+    each other, g those with the free estimate, both after the smooth part is regressed out, and
     :math:`\tau^2` the prior variance of the switches, the log evidence for the switches is
 
-    .. math:: -\tfrac12 \log|1 + \tau^2 A| + \tfrac12\, b^T (A + \tau^{-2})^{-1} b
+    .. math:: -\tfrac12 \log|1 + \tau^2 G| + \tfrac12\, g^T (G + \tau^{-2})^{-1} g
 
     A search finds sets of switches beside every plausible smooth part. Each switch is then located
     to 1/16 sample, and its other possible positions are averaged. If realizations follow each other
@@ -215,7 +215,8 @@ def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage])
     """Return the model with the posterior of stiffness, and of viscosity if there is no reflex."""
     ensemble, signals, times = free.ensemble, free.signals, free.axis.times
     rate, reflex = ensemble.sampling_rate, signals.reflex
-    # Degrees of freedom: the strength of the noise is estimated from the samples it is pooled over.
+    # Degrees of freedom: the strength of the noise is estimated from the samples it is pooled over,
+    # less two for viscosity and inertia.
     pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
     freedom = (signals.independent - 1.0) * pooled - 2
     estimates = {} if reflex is None else dict(reflex.estimates)
@@ -245,7 +246,11 @@ def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage])
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        switches=tuple(row for each in found.items() for row in switches_of(*each, missing, rate)),
+        switches=tuple(
+            switch
+            for quantity, posterior in found.items()
+            for switch in switches_of(quantity, posterior, missing, rate)
+        ),
         reflex=reflex,
         hypotheses={quantity: each.hypotheses for quantity, each in found.items()},
         diagnostics=Diagnostics(
@@ -274,7 +279,8 @@ def warnings_of(free: FreeRegression, found: Mapping[str, ModelAverage]) -> Iter
         yield from free.signals.reflex.diagnostics.warnings
         return
     viscosity = found["viscosity"].mixture
-    below = np.minimum(viscosity.mean() + 1.96 * np.sqrt(viscosity.variance()), 0.0)
-    yield from contradicted(
-        float(np.sum(free.products[:, V, V] * below**2) / np.sum(free.products[:, -1, -1]))
+    upper = viscosity.mean() + 1.96 * np.sqrt(viscosity.variance())
+    negative = np.minimum(upper, 0.0)  # where even the upper limit is
+    yield from limit_warnings(
+        float(np.sum(free.products[:, V, V] * negative**2) / np.sum(free.products[:, -1, -1]))
     )

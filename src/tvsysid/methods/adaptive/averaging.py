@@ -69,8 +69,8 @@ class Hypothesis(NamedTuple):
     positions: Array
 
 
-class OverTime(NamedTuple):
-    """Posterior over time of a model, for several sets of exact positions of its switches.
+class CurvePosterior(NamedTuple):
+    """Posterior of the curve of a model, for several sets of exact positions of its switches.
 
     ``means`` and ``variances`` have shape (time, set). ``sizes`` (set, switch) are the posterior
     means of the switches' sizes, and ``covariance`` (set, switch, switch) is theirs. ``shapes``
@@ -85,16 +85,17 @@ class OverTime(NamedTuple):
     shapes: Array
 
     @classmethod
-    def of(cls, model: CurveModel, positions: Array) -> OverTime:
+    def of(cls, model: CurveModel, positions: Array) -> CurvePosterior:
         """Return the posterior over time for sets of positions (set, switch) of the switches."""
         smooth, each, shape = model.smooth, positions.ravel(), positions.shape
         steps, true_steps = smooth.steps(each), smooth.estimate.axis.steps(each)
         shapes = true_steps - smooth.features @ steps.explained
         shapes = shapes.reshape(len(shapes), *shape).swapaxes(0, 1)
+        # Products of the switches within each set
         gram = np.einsum("sisj->sij", steps.products(steps).reshape(2 * shape))
         is_balanced, index = divmod(model.size_prior, len(SWITCH_SIZES))
         covariance = size_covariances(gram)[index]
-        if is_balanced:
+        if is_balanced:  # given that the sizes add up to zero
             ones = covariance.sum(axis=-1, keepdims=True)
             covariance = covariance - ones @ ones.swapaxes(1, 2) / ones.sum(axis=1, keepdims=True)
         sizes = covariance @ steps.cross.reshape(*shape, 1)
@@ -105,7 +106,7 @@ class OverTime(NamedTuple):
         return cls(means.T, variances.T, sizes[..., 0], covariance, shapes)
 
 
-def components(model: CurveModel, weight: float, best: OverTime) -> Array:
+def components(model: CurveModel, weight: float, best: CurvePosterior) -> Array:
     """Return means and variances of equally probable components, shape (2, time, component).
 
     Components differ in the position of the switch that is nearest to a time. The other switches
@@ -118,11 +119,11 @@ def components(model: CurveModel, weight: float, best: OverTime) -> Array:
     apart = np.abs(axis.offset(np.arange(axis.times)[:, None], own))
     nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_COMPONENTS * weight))
     out, shares = np.empty((2, axis.times, count)), (np.arange(count) + 0.5) / count
-    for index, (window, probabilities) in enumerate(model.places):
+    for index, (window, probabilities) in enumerate(model.possible_positions):
         rows, positions = nearest == index, np.tile(own, (count, 1))
         quantiles = np.searchsorted(np.cumsum(probabilities)[:-1], shares)
         positions[:, index] = window[quantiles]
-        moved = OverTime.of(model, positions)
+        moved = CurvePosterior.of(model, positions)
         out[:, rows] = moved.means[rows], moved.variances[rows]
     if axis.jitter:
         out[1] += axis.jitter_variance(own) @ best.sizes.T**2
@@ -133,13 +134,13 @@ def components(model: CurveModel, weight: float, best: OverTime) -> Array:
 class ModelAverage:
     """All models, the best first, and the mixture of the first ones, which have ``weights``.
 
-    ``over_time`` are the posteriors of these models, with switches at their best positions. The
+    ``curves`` are the posteriors of these models, with switches at their best positions. The
     mixture is in the quantity's unit.
     """
 
     models: list[CurveModel]
     weights: Array
-    over_time: list[OverTime]
+    curves: list[CurvePosterior]
     mixture: Mixture
 
     @classmethod
@@ -150,12 +151,12 @@ class ModelAverage:
         weights = weights[weights >= MIN_WEIGHT]
         weights /= weights.sum()
         kept, size = models[: len(weights)], models[0].smooth.estimate.size
-        over_time = [OverTime.of(each, each.positions[None]) for each in kept]
-        parts = list(map(components, kept, weights, over_time))
+        curves = [CurvePosterior.of(each, each.positions[None]) for each in kept]
+        parts = list(map(components, kept, weights, curves))
         counts = [part.shape[2] for part in parts]
         means, variances = np.concatenate(parts, axis=2)
         mixture = Mixture(np.repeat(weights / counts, counts), size * means, size**2 * variances)
-        return cls(models, weights, over_time, mixture)
+        return cls(models, weights, curves, mixture)
 
     def probability(self, wanted: Callable[[CurveModel], bool]) -> float:
         """Return the probability of all models of a kind together."""
@@ -172,7 +173,7 @@ class ModelAverage:
 
     def arc(self) -> float:
         """Return the length that widens simultaneous bands (``arc_length``), of the best model."""
-        smooth, best = self.models[0].smooth, self.over_time[0]
+        smooth, best = self.models[0].smooth, self.curves[0]
         features = np.hstack([smooth.features, best.shapes[0]])
         return arc_length(features, block_diag(np.eye(len(smooth.mean)), best.covariance[0]))
 
@@ -206,11 +207,13 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     smooths = distinct_fits(estimate, smooth_priors(estimate.axis))
     grid = Grid(estimate)
     first = [first_model(smooth, grid) for smooth in smooths]
+    # The first of them has no smooth part.
     if first[0].is_constant() and all(each.score < first[0].score - 1 for each in first[1:]):
         return ModelAverage.of(weigh(smooths, first[:1]))
     sets = refined_sets(search_switches(first, grid))
     models = sorted(weigh(smooths, sets), key=BY_EVIDENCE)
-    best_of = {len(each.positions) > 0: each for each in models}  # with and without switches
+    # The last of each kind, with and without switches, is the best.
+    best_of = {len(each.positions) > 0: each for each in models}
     for best in best_of.values():
         sums = few_harmonics(estimate, best.positions)
         smooths += [SmoothFit(estimate, prior) for prior in sums]
@@ -246,7 +249,8 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
     Only the best of them is averaged.
     """
     usual, best = estimate.axis, found.models[0]
-    smears = [usual._replace(taps=0.0), *(usual._replace(jitter=jitter) for jitter in JITTERS)]
+    jittered = (usual._replace(jitter=jitter) for jitter in JITTERS)
+    smears = [usual._replace(filter_reach=0.0), *jittered]
     smeared = [attrs.evolve(estimate, axis=axis) for axis in (*smears, usual)]
     fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
     *totals, usual_total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
@@ -262,7 +266,7 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
 
 
 def weigh(smooths: Sequence[SmoothFit], sets: Iterable[CurveModel]) -> list[CurveModel]:
-    """Return every smooth part with every set of switches and every prior of their sizes."""
+    """Return the models of every smooth part, set and size prior, with their evidence."""
     estimate, out = smooths[0].estimate, list[CurveModel]()
     for switches in sets:
         steps = estimate.steps(switches.positions)
@@ -270,7 +274,8 @@ def weigh(smooths: Sequence[SmoothFit], sets: Iterable[CurveModel]) -> list[Curv
         gram = np.array([each.products(each) for each in beside])
         cross = np.array([each.cross for each in beside])
         evidence = switch_evidence(estimate.axis, gram, cross)
-        evidence = evidence if len(switches.positions) else evidence[:1]
+        if not len(switches.positions):  # all size priors are the same
+            evidence = evidence[:1]
         log_prior = switches.log_volume - math.log(len(evidence))
         out += [
             switches._replace(smooth=smooth, size_prior=size_prior, evidence=float(value))

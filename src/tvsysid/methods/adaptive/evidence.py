@@ -8,7 +8,7 @@ smooth part and by switches,
 
 Each combination of a smooth prior V, positions of switches (columns of H) and their size
 :math:`\tau` has an evidence: the probability of z with w and :math:`\Delta` integrated out. A
-smooth part that changes faster explains more, but its evidence is spread over more functions. So
+smooth part that changes faster explains more, but its prior is spread over more functions. So
 the evidence decides how fast stiffness may change.
 """
 
@@ -49,9 +49,9 @@ class Steps(NamedTuple):
 
     ``columns`` (time, step) are the steps as they are recorded, whitened by the noise. ``features``
     (feature, step) are their products with the features of the smooth part, ``explained``
-    (coefficient, step) those with its standardized features. The smooth part explains
-    explainedᵀ explained of the products of steps. ``power`` (step,) are the squares of what is
-    left, and ``cross`` (step,) its products with the estimate.
+    (coefficient, step) those with its standardized features. What is left of the
+    steps has the products columnsᵀ columns - explainedᵀ explained. ``power`` (step,) are the
+    squares of what is left, and ``cross`` (step,) its products with the estimate.
     """
 
     positions: Array
@@ -120,7 +120,10 @@ class FreeEstimate:
 
     @cached_property
     def window(self) -> Callable[[int, float, float], Steps]:
-        """Function that returns the steps with a spacing up to a reach about a sample."""
+        """Function that returns the steps with a spacing up to a reach about a sample.
+
+        Its cache ends with the estimate.
+        """
 
         @cache
         def steps(centre: int, spacing: float, reach: float) -> Steps:
@@ -199,7 +202,7 @@ def column_evidence(power: Array, cross: Array, variance: float | Array) -> Arra
 
 
 def size_covariances(gram: Array) -> Array:
-    """Return the posterior covariance of the sizes of switches for each of their variances.
+    """Return the posterior covariance of the sizes of switches for each of their prior variances.
 
     ``gram`` (set, switch, switch) are the products of the switches with each other. The result has
     shape (variance, set, switch, switch).
@@ -214,15 +217,15 @@ def switch_evidence(
     r"""Return the log evidence for sets of switches, shape (size prior, set).
 
     It is relative to that without switches, and includes the prior of the positions: all times
-    are equally likely. With G the ``gram`` of n switches, b = ``cross``, and a prior variance
+    are equally likely. With G the ``gram`` of n switches, g = ``cross``, and a prior variance
     :math:`\tau^2` of each size, one of three,
 
-    .. math:: \log p = \tfrac12 \left(b^T A^{-1} b - \log|A| - n \log \tau^2\right), \qquad
+    .. math:: \log p = \tfrac12 \left(g^T A^{-1} g - \log|A| - n \log \tau^2\right), \qquad
               A = G + \tau^{-2} 1
 
     On a periodic axis, three priors of balanced sizes follow, which add up to zero. For them, p is
     multiplied by the density of the sum at zero, posterior over prior. Both are normal, with means
-    :math:`1^T A^{-1} b` and 0, and variances :math:`1^T A^{-1} 1` and :math:`n \tau^2`.
+    :math:`1^T A^{-1} g` and 0, and variances :math:`1^T A^{-1} 1` and :math:`n \tau^2`.
 
     Parameters
     ----------
@@ -236,7 +239,7 @@ def switch_evidence(
         row and a column of A.
     """
     prior_precision, count = np.square(SWITCH_SIZES)[:, None] ** -1.0, cross.shape[-1]
-    covariance = size_covariances(gram)
+    covariance = size_covariances(gram)  # A⁻¹
     mean, ones = (covariance @ cross[..., None])[..., 0], covariance.sum(axis=-1)
     square, total, variance = np.sum(mean * cross, axis=-1), mean.sum(axis=-1), ones.sum(axis=-1)
     log_determinant = -np.linalg.slogdet(covariance)[1]
@@ -270,16 +273,17 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     constant, variances = len(positions), np.zeros(columns.shape[1] - 1)
     variances[:constant], variances[constant] = USUAL_SWITCH_SIZE**2, LEVEL**2
     count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
-    waves, sizes = slice(constant + 1, constant + 1 + count), np.square(AMPLITUDES)[:, None]
+    waves = slice(constant + 1, constant + 1 + count)
+    wave_variances = np.square(AMPLITUDES)[:, None]
     log_prior = math.log(WAVES_PROBABILITY) - count * math.log1p(WAVE_ODDS)
     for _ in range(min(MAX_WAVES, count)):
         own = np.flatnonzero(variances)
         fit, mixed = solve(moments.take(own), 1 / variances[own]), moments.gram[own, waves]
         explained = fit.inverse_factor @ mixed
         power = moments.gram.diagonal()[waves] - np.sum(explained**2, axis=0)
-        evidence = column_evidence(power, moments.cross[waves] - fit.mean @ mixed, sizes)
+        evidence = column_evidence(power, moments.cross[waves] - fit.mean @ mixed, wave_variances)
         evidence[:, variances[waves] > 0] = -np.inf
         size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
-        variances[waves.start + wave] = sizes[size, 0]
-        log_prior += math.log(WAVE_ODDS / len(sizes))
+        variances[waves.start + wave] = wave_variances[size, 0]
+        log_prior += math.log(WAVE_ODDS / len(wave_variances))
         yield SmoothPrior(log_prior, variances[constant:].copy())

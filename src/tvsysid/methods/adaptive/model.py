@@ -19,9 +19,9 @@ from tvsysid.numerics import Array
 from tvsysid.signals import Ensemble
 
 MIN_SWITCH_PROBABILITY = 0.05  # of a switch that is listed
-CERTAIN = 0.995  # probability of a switch from which on it is not mentioned
+CERTAIN = 0.995  # probability of a switch from which on the probability is not mentioned
 BISECTIONS = 26  # that find a quantile
-INSIDE = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
+MIN_MARGIN = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
 
 
 class Switch(NamedTuple):
@@ -55,7 +55,7 @@ class MixtureError(StandardError):
     ) -> tuple[Array, Array]:
         """Return the limits of a band: quantiles of the mixture, with Student's t for each part."""
         multiple = float(self.multiple(level, simultaneous)[0])
-        inside = INSIDE * multiple * self.values
+        inside = MIN_MARGIN * multiple * self.values
         lower = np.minimum(self._quantile(-multiple), values - inside)
         if np.nanmin(self.mixture.means) >= 0:
             lower = np.maximum(lower, 0.0)
@@ -116,20 +116,21 @@ def switches_of(quantity: str, posterior: ModelAverage, missing: int, rate: floa
     """
     rows, mixed = list[Switch](), posterior.models[: len(posterior.weights)]
     estimate = mixed[0].smooth.estimate
-    for rank, (model, over_time) in enumerate(zip(mixed, posterior.over_time, strict=True)):
+    for rank, (model, curve) in enumerate(zip(mixed, posterior.curves, strict=True)):
         for index, position in enumerate(model.positions):
             distances = (estimate.axis.offset(each.positions, position) for each in mixed)
             has_one = np.array([(np.abs(each) < NEARBY_SAMPLES).any() for each in distances])
             probability = min(float(posterior.weights @ has_one), 1.0)  # rounding may exceed it
-            if has_one[:rank].any() or probability < MIN_SWITCH_PROBABILITY:
+            is_listed = has_one[:rank].any()  # by a more probable model
+            if is_listed or probability < MIN_SWITCH_PROBABILITY:
                 continue
-            window, probabilities = model.places[index]
+            window, probabilities = model.possible_positions[index]
             late = estimate.axis.offset(window, position)
             ends = np.quantile(late, [0.025, 0.975], weights=probabilities, method="inverted_cdf")
             time = (position + missing) / rate
             earliest, latest = time + np.clip(ends, [-np.inf, 0.0], [0.0, np.inf]) / rate
-            size = estimate.size * over_time.sizes[0, index]
-            size_error = estimate.size * np.sqrt(over_time.covariance[0, index, index])
+            size = estimate.size * curve.sizes[0, index]
+            size_error = estimate.size * np.sqrt(curve.covariance[0, index, index])
             numbers = map(float, (time, earliest, latest, size, size_error, probability))
             rows.append(Switch(quantity, *numbers))
     return sorted(rows, key=attrgetter("time"))
@@ -150,8 +151,8 @@ def describe_changes(model: AdaptiveModel) -> list[str]:
                 kind, share = "switch", ""
             size = f"{each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
             lines.append(f"{kind} at {each.time:.3f} s: {size}{share}")
-    is_smooth = model.diagnostics.details["smooth_stiffness"]
-    lines.append(f"stiffness changes smoothly{where}: probability {100 * is_smooth:.0f} %")
+    probability = model.diagnostics.details["smooth_stiffness"]
+    lines.append(f"stiffness changes smoothly{where}: probability {100 * probability:.0f} %")
     if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")
     return lines

@@ -30,8 +30,8 @@ MAX_HARMONICS = 160  # shorter lengths are left out of long realizations
 SWITCH_SIZES = (0.05, 0.2, 0.8)  # prior standard deviations of switches, equally likely
 USUAL_SWITCH_SIZE = SWITCH_SIZES[1]  # where only one is tried
 DECIMATOR_REACH = 15  # samples before decimation to either side that its filter reaches
-USUAL_TAPS = 1.5  # samples that it reaches after decimation by 10
-LOW_PASS = 0.33  # standard deviation of the decimation filter's impulse response in samples
+USUAL_FILTER_REACH = 1.5  # samples that the filter reaches after decimation by 10
+FILTER_SPREAD = 0.33  # standard deviation of the decimation filter's impulse response in samples
 JITTERS = (1.0, 1.4, 2.0, 2.8, 4.0)  # candidate standard deviations of a switch's time, in samples
 
 
@@ -49,14 +49,14 @@ class SmoothPrior(NamedTuple):
 class Axis(NamedTuple):
     """Time axis of a function, and how a recording smears its switches.
 
-    The axis has ``times`` samples. If ``periodic``, the end continues at the beginning. ``taps``
-    are the samples to either side over which a low-pass before sampling smears a step, 0 for none.
+    The axis has ``times`` samples. If ``periodic``, the end continues at the beginning. A low-pass
+    before sampling smears a step over ``filter_reach`` samples to either side, 0 for none.
     ``jitter`` is the standard deviation of a switch's time between ``realizations``.
     """
 
     times: int
     periodic: bool
-    taps: float = USUAL_TAPS
+    filter_reach: float = USUAL_FILTER_REACH
     jitter: float = 0.0
     realizations: int = 1
 
@@ -88,9 +88,9 @@ class Axis(NamedTuple):
         """
         late = self.offset(np.arange(self.times)[:, None], positions)
         if self.jitter:
-            steps = ndtr(late / math.hypot(self.jitter, LOW_PASS * recorded))
-        elif recorded and self.taps:
-            steps = np.interp(late, *_smeared_step(self.taps))
+            steps = ndtr(late / math.hypot(self.jitter, FILTER_SPREAD * recorded))
+        elif recorded and self.filter_reach:
+            steps = np.interp(late, *_smeared_step(self.filter_reach))
         else:
             steps = late >= 0
         return np.asarray(steps - 0.5 - late / self.times if self.periodic else steps, dtype=float)
@@ -102,10 +102,10 @@ class Axis(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def _smeared_step(taps: float) -> tuple[Array, Array]:
+def _smeared_step(filter_reach: float) -> tuple[Array, Array]:
     """Return times and a unit step after a decimation filter, which is a Hamming-windowed sinc."""
-    late = np.linspace(-taps, taps, 1201)
-    response = np.sinc(late) * (0.54 + 0.46 * np.cos(np.pi * late / taps))
+    late = np.linspace(-filter_reach, filter_reach, 1201)
+    response = np.sinc(late) * (0.54 + 0.46 * np.cos(np.pi * late / filter_reach))
     step = np.append(0.0, np.cumsum(response[1:] + response[:-1]))
     return late, step / step[-1]
 

@@ -17,7 +17,7 @@ from scipy.ndimage import convolve1d
 
 from tvsysid.methods.adaptive.averaging import Mixture
 from tvsysid.methods.adaptive.evidence import FreeEstimate
-from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_TAPS, Axis
+from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_FILTER_REACH, Axis
 from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.cascade import JointCascade, JointCascadeModel, model_of
 from tvsysid.methods.cascade.search import Selection
@@ -30,7 +30,7 @@ from tvsysid.signals import Ensemble
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # low-pass below aliasing and the decimation filter
 MIN_POWER = 1e-9  # share of the mean power below which a signal counts as zero
 MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
-POOLED_TIME = 0.5  # s of all realizations but one together over which it is pooled at least
+POOLED_TIME = 0.5  # s at least over which it is pooled, summed over all realizations but one
 MAX_PREDICTION = 0.25  # s before a sample from which its noise is predicted
 COLLINEAR = 1e-6  # share of power that is added where velocity and acceleration are collinear
 WHITE_SHARE = 0.01  # white noise that is added to the residual's covariance, in noise variances
@@ -38,7 +38,7 @@ MISFIT_SHARE = 30.0  # the same where the residual is misfit
 MIN_NOISE = 1e-8  # noise variance at least, as a share of the torque's power
 MAX_EXCESS = 1.5  # excess variance (of misfit) up to which the noise is whitened
 HOLDING_PRECISION = 1e8  # prior precision that holds a coefficient at 0, relative to its power
-U, V, A = range(3)  # angle, velocity, acceleration
+U, V, A = range(3)  # angle, velocity, acceleration; constants begin with V, so A - V is inertia
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -58,8 +58,8 @@ class Signals:
     prior_precision
         Precision of the constants' priors, times the variance of the noise, shape (constant,).
     reflex
-        Model of the reflex whose columns are among the regressors. The torque lacks what the change
-        of its viscosity over time adds.
+        Model of the reflex whose columns are among the regressors. What the change of its viscosity
+        over time adds is subtracted from the torque.
     change_covariance
         Covariance (time, time) of that change.
     """
@@ -92,18 +92,18 @@ class Signals:
         by its shape.
         """
         fit, data = selection.fit, selection.fit.data
-        first = data.starts[2] + 1  # after the inertia
-        change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]
+        first, count = data.starts[2] + 1, data.intrinsic_count  # first: after the inertia
+        change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]  # of viscosity
         change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
-        torque = data.torque - change @ fit.posterior.mean[: data.own] * data.signals[1]
-        parts = data.signals, fit.columns, fit.slopes(), torque[None]
+        torque = data.torque - change @ fit.posterior.mean[:count] * data.signals[1]
+        parts = data.signals, fit.reflex_columns, fit.slopes(), torque[None]
         return cls(
             columns=np.concatenate(parts),
             edges=(data.times.start, ensemble.samples - data.times.stop),
             independent=len(data.torque) - 1,
             prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
             reflex=model_of(repr(JointCascade(emg=selection.search.emg)), selection),
-            change_covariance=change @ fit.covariance[: data.own, : data.own] @ change.T,
+            change_covariance=change @ fit.covariance[:count, :count] @ change.T,
         )
 
 
@@ -114,8 +114,8 @@ class FreeRegression:
     ``products`` (time, signal, signal) are sums over realizations. ``constants`` are the
     coefficients of velocity, acceleration and further regressors, with a ``covariance``.
     ``identifiable`` is False if these signals are collinear. The constants are then 0 in the
-    directions that the data do not determine. If the noise cannot be whitened, ``misfit`` are the
-    covariances (2, time, time) of viscosity and inertia that it adds.
+    directions that the data do not determine. ``whitens`` is False if the residual is misfit.
+    ``misfit`` are then the covariances (2, time, time) of viscosity and inertia that it adds.
     """
 
     coefficients: Array
@@ -130,10 +130,11 @@ class FreeRegression:
         at_times = np.ascontiguousarray(signals.columns.transpose(2, 0, 1))
         self.products = at_times @ at_times.transpose(0, 2, 1)
         recorded = ensemble.recorded_angle
+        reach = USUAL_FILTER_REACH if recorded is None else DECIMATOR_REACH / recorded.shape[-1]
         self.axis = Axis(
             len(at_times),
             periodic=2 * len(ensemble.runs) <= len(ensemble) and not any(signals.edges),
-            taps=USUAL_TAPS if recorded is None else DECIMATOR_REACH / recorded.shape[-1],
+            filter_reach=reach,
             realizations=at_times.shape[-1],
         )
         white = Products.of(signals.columns, np.eye(len(at_times)), low_band=False)
@@ -147,7 +148,8 @@ class FreeRegression:
         if viscosity is not None:
             self.coefficients[V] = known = viscosity.mean()
             variance = viscosity.variance()
-        precision = signals.prior_precision / self._weigh()
+        noise = self._weigh()
+        precision = signals.prior_precision / noise
         if viscosity is not None:  # hold the constant at 0 that would be added to it
             precision[0] = HOLDING_PRECISION * self.weighted[0].gram[0, 0]
         free = self._solve(known, precision)
@@ -211,23 +213,23 @@ class FreeRegression:
             rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
             return whitening_filters(more, signals.independent, rate, periodic)
 
-        def products(filters: Array) -> Products:
+        def weighted_by(filters: Array) -> Products:
             # With a reflex, its differences of higher order model the decimated acceleration.
             return Products.of(columns, filters, low_band=signals.reflex is None)
 
         filters = filters_with(WHITE_SHARE)
         self.whitens = excess_variance(signals, filters, residual) < MAX_EXCESS
         if self.whitens:
-            self.weighted = (products(filters),) * 2
+            self.weighted = (weighted_by(filters),) * 2
         else:
             mild = filters_with(MISFIT_SHARE)
             # With W the mild weights and N the noise's covariance, S = W N W = FᵀF.
             of_noise = np.linalg.inv(filters).T @ (mild.T @ mild)
-            self.weighted = products(mild), products(np.asarray(of_noise, dtype=np.float64))
+            self.weighted = weighted_by(mild), weighted_by(np.asarray(of_noise, dtype=np.float64))
         return noise
 
     def _estimate(self, signal: int, values: Array, error: Array) -> FreeEstimate:
-        """Return the free estimate of a signal's coefficient, with its mean weighted by power."""
+        """Return the free estimate of a coefficient, relative to its mean weighted by power."""
         size = abs(float(np.average(values, weights=self.products[:, signal, signal])))
         estimate = FreeEstimate(self.axis, values / size, size * inverse_root(error), size)
         return estimate if self.whitens else estimate.with_misfit()
@@ -268,24 +270,24 @@ class Products(NamedTuple):
         """
         both, weights = columns[: V + 1], filters.T @ filters
         weighted = columns[V:] @ weights
-        slow = weighted[:-1]
+        fixed = weighted[:-1]  # columns with constant coefficients
         if low_band:
             low = convolve1d(filters, LOW_BAND, mode="constant")
-            slow = columns[V:-1] @ (low.T @ low)
+            fixed = columns[V:-1] @ (low.T @ low)
         free_gram = both.swapaxes(1, 2)[:, None] @ both * weights
         for own in (free_gram[U, U], free_gram[V, V]):
             np.fill_diagonal(own, floored(np.diag(own)))
-        free_cross, mixed = (np.einsum("frt,irt->fit", both, each) for each in (weighted, slow))
-        return cls(free_gram, free_cross, np.tensordot(slow, columns[V:], ((1, 2), (1, 2))), mixed)
+        free_cross, mixed = (np.einsum("frt,irt->fit", both, each) for each in (weighted, fixed))
+        return cls(free_gram, free_cross, np.tensordot(fixed, columns[V:], ((1, 2), (1, 2))), mixed)
 
 
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``explaining`` (time, signal) holds, for each signal but the angle, the coefficient that
-    explains it. The coefficient is that of the torque, the last signal, less those of the other
-    regressors times their constants, and less ``coupling`` (time, time) @ the other free
-    coefficient. ``covariance`` (time, time) is due to noise.
+    ``explaining`` (time, signal) holds the coefficient that fits each signal but the angle. The
+    torque is the last signal. The coefficient is the torque's, less those of the other regressors
+    times their constants, and less ``coupling`` (time, time) @ the other free coefficient.
+    ``covariance`` (time, time) is due to noise.
     """
 
     explaining: Array
@@ -306,7 +308,7 @@ class FreeCoefficient(NamedTuple):
         return cls(inverse @ weighted.free_cross[signal].T, coupling, covariance)
 
     def values(self, constants: Array, other: Array) -> Array:
-        """Return the coefficient beside the last constants and the other free one (time,)."""
+        """Return the coefficient for given last constants and the other free one (time,)."""
         explaining = self.explaining[:, -1 - len(constants) :]
         return np.asarray(explaining @ np.append(-constants, 1.0) - self.coupling @ other)
 
@@ -328,9 +330,9 @@ def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
 
     The expectation is that of noise that filters (time, time) make white.
     """
-    weights, velocities = filters.T @ filters, signals.columns[V] ** 2
-    power = velocities.sum(axis=0) @ np.diag(weights) * signals.independent / len(residual)
-    return float(np.sum(velocities * (residual @ weights) ** 2) / power)
+    weights, squares = filters.T @ filters, signals.columns[V] ** 2
+    power = squares.sum(axis=0) @ np.diag(weights) * signals.independent / len(residual)
+    return float(np.sum(squares * (residual @ weights) ** 2) / power)
 
 
 def misfit_variances(products: Array, coefficients: Array, independent: int) -> Array:
@@ -342,13 +344,13 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     """
     mixed, powers = products[:, V:, U], floored(np.einsum("tii->it", products))
     # Products of what is left of signals after a regression on the angle
-    beside = products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / powers[U, :, None, None]
+    partial = products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / powers[U, :, None, None]
     # Weights of signals in the residual, and the residual's products with signals
     weights = np.concatenate([-coefficients[1:], np.ones((1, len(products)))]).T[:, :, None]
-    cross = beside @ weights
+    cross = partial @ weights
     # Where both signals are collinear, their coefficients are uncertain, and count little.
     ridge = np.eye(2) * COLLINEAR * powers[V : A + 1].T[:, :, None]
-    inverse = np.linalg.inv(beside[:, :2, :2] + ridge)
+    inverse = np.linalg.inv(partial[:, :2, :2] + ridge)
     change = inverse @ cross[:, :2]
     unexplained = np.sum(weights * cross, axis=1) - np.sum(change * cross[:, :2], axis=1)
     change, variance = change[..., 0], np.einsum("tii->ti", inverse)
@@ -378,15 +380,15 @@ def whitening_filters(covariance: Array, independent: int, rate: float, periodic
 
 
 def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:
-    """Return filters (time, time) that give the noise less its prediction, with unit variance.
+    """Return filters (time, time) that give noise less its prediction, with the same variance.
 
     The Bayesian information criterion gives the number of samples that predict the next one. The
     first samples are predicted from the few before them.
     """
     times, counts = len(covariance), range(1, lags + 2)
-    mean = np.einsum("ttij->ij", sliding_window_view(covariance, (lags + 1, lags + 1)))
+    summed = np.einsum("ttij->ij", sliding_window_view(covariance, (lags + 1, lags + 1)))
     # The last column of the inverse gives the weights, and the prediction error's precision.
-    filters = [np.linalg.solve(mean[-each:, -each:], np.eye(each)[-1]) for each in counts]
+    filters = [np.linalg.solve(summed[-each:, -each:], np.eye(each)[-1]) for each in counts]
     samples = independent * (times - lags)
     criterion = np.log(samples) * np.array(counts) - samples * np.log(
         [each[-1] for each in filters]

@@ -35,23 +35,24 @@ class CurveModel(NamedTuple):
     """Explanation of a free estimate: a smooth part, and switches at ``positions``.
 
     ``score`` is that of :class:`SmoothFit`, with switches at exactly these positions and their best
-    size prior. If the positions are refined, ``places`` holds for each switch its possible
-    positions and their probabilities. ``log_volume`` is the log of the ratio of the evidence,
-    integrated over these positions in samples, to that at the best ones. ``evidence`` is the
-    integrated log evidence, priors included, for the size prior with the index ``size_prior``.
+    size prior. If the positions are refined, ``possible_positions`` holds the positions that each
+    switch may have, and their probabilities. ``log_volume`` is the log of the ratio of the
+    evidence, integrated over these positions in samples, to that at the best ones. ``evidence`` is
+    the integrated log evidence, priors included, for a ``size_prior``, an index of the result of
+    ``switch_evidence``.
     """
 
     smooth: SmoothFit
     positions: Array
     score: float = -math.inf
-    places: Sequence[tuple[Array, Array]] = ()
+    possible_positions: Sequence[tuple[Array, Array]] = ()
     log_volume: float = 0.0
     size_prior: int = 0
     evidence: float = -math.inf
 
     @property
     def total(self) -> float:
-        """Score of the switches at any position."""
+        """Score with the positions of the switches integrated out."""
         return self.score + self.log_volume
 
     def is_constant(self) -> bool:
@@ -74,24 +75,24 @@ class CurveModel(NamedTuple):
         smooth, own = self.smooth, self.smooth.steps(self.positions)
         size_prior = int(smooth.scores_of(own).argmax())
         for _ in range(MAX_SWEEPS if len(self.positions) > 1 else 1):
-            before, places = own.positions, list[tuple[Array, Array]]()
+            before, possible_positions = own.positions, list[tuple[Array, Array]]()
             for position in before:  # which is now the first switch, and is then the last
                 others = own.take(slice(1, None))
                 window = smooth.beside(smooth.estimate.window(round(position), spacing, reach))
                 scores = smooth.scores_with(others, window)[size_prior]
                 best = int(np.argmax(scores))
                 own = others.joined(window.take(slice(best, best + 1)))
-                places.append((window.positions, softmax(scores)))
+                possible_positions.append((window.positions, softmax(scores)))
             if np.array_equal(own.positions, before):
                 break
         order = np.argsort(own.positions)
         # A probability is evidence over the sum of evidence. So 1 / probability is the sum relative
         # to the best, and each term of the sum stands for one spacing.
-        volumes = [spacing / probabilities.max() for _, probabilities in places]
+        volumes = [spacing / probabilities.max() for _, probabilities in possible_positions]
         return self._replace(
             positions=own.positions[order],
             score=float(smooth.scores_of(own).max()),
-            places=[places[index] for index in order],
+            possible_positions=[possible_positions[index] for index in order],
             log_volume=sum(map(math.log, volumes)),
         )
 
@@ -119,7 +120,7 @@ class Grid:
     def __init__(self, estimate: FreeEstimate) -> None:
         times = estimate.axis.times
         spacing = max(0.5, times / MAX_POSITIONS)
-        first = 0 if estimate.axis.periodic else 1  # a step before the first sample is none
+        first = 0 if estimate.axis.periodic else 1  # a step at the first sample is a constant
         self.steps = estimate.steps(np.arange(first, int(times / spacing), dtype=float) * spacing)
         self.window = SEARCH_SPACING, SEARCH_REACH * max(1.0, spacing)
 

@@ -37,9 +37,10 @@ class AlternatingCascade(TwoPathwayMethod):
     """Identify each pathway in turn from the torque that the other pathway leaves.
 
     The weights of both change by a ``basis``, unless a subclass has another solver. The response of
-    the reflex begins where the lags of the intrinsic response end, or at 0 with EMG. Turns end when
-    the explained torque hardly grows. The method of one pathway states the impedance, from the
-    torque that the reflex leaves. Realizations whose past is not recorded are left out.
+    the reflex begins where the lags of the intrinsic response end, or at 0 with EMG or without
+    ``begins_late``. Turns end when the explained torque hardly grows. The method ``one_pathway``
+    then identifies the impedance from the torque that the reflex leaves. Realizations whose past is
+    not recorded are left out.
     """
 
     max_lag: float
@@ -62,8 +63,8 @@ class AlternatingCascade(TwoPathwayMethod):
         """Return a reason to skip if too few realizations have a past, or there are many lags."""
         past = history(ensemble, ensemble.angle, whole_samples(self.memory, ensemble))
         count = int((~np.isnan(past).any(axis=1)).sum())
-        lasts = ensemble.context >= whole_samples(self.max_lag, ensemble)
-        if count * lasts < MIN_REALIZATIONS:
+        has_context = ensemble.context >= whole_samples(self.max_lag, ensemble)
+        if count < MIN_REALIZATIONS or not has_context:
             return (
                 f"{count} of {len(ensemble)} realizations have {self.memory:g} s recorded before "
                 f"them, and {MIN_REALIZATIONS} are needed, with {self.max_lag:g} s after them; cut "
@@ -97,7 +98,7 @@ class AlternatingCascade(TwoPathwayMethod):
         weights = alternate(lagged, self.solver(ensemble), self.min_gain)
         reflex = weights[:, lagged.lags :]
         left = torque - convolve_lags(past, reflex)
-        joint = attrs.evolve(
+        without_reflex = attrs.evolve(
             kept,
             angle=angle,
             torque=np.pad(left, ((0, 0), (lags, lags))),
@@ -105,10 +106,10 @@ class AlternatingCascade(TwoPathwayMethod):
             channels={},
             context=lags,
         )
-        intrinsic = self.one_pathway.fit(joint)
+        intrinsic = self.one_pathway.fit(without_reflex)
         gain = {"reflex_gain": Estimate(reflex.sum(axis=1), drive.gain_unit)}
         error = StandardError.none(ensemble.samples, NO_BAND)
-        found = attrs.asdict(intrinsic, recurse=False) | {
+        fields = attrs.asdict(intrinsic, recurse=False) | {
             "method": repr(self),
             "estimates": {
                 name: attrs.evolve(each, error=error)
@@ -116,7 +117,7 @@ class AlternatingCascade(TwoPathwayMethod):
             },
         }
         return TwoPathwayModel(
-            **found,
+            **fields,
             reflex_response=reflex * ensemble.sampling_rate,
             reflex_lags=(first + np.arange(reflex.shape[1])) / ensemble.sampling_rate,
             drive=drive,
@@ -133,7 +134,8 @@ class ParallelCascade(AlternatingCascade):
 
     The intrinsic response is fitted to the torque less the reflex's, then the reflex's to the
     torque less the intrinsic one, and so on until the torque explained grows by less than 0.02
-    points. What separates the two is that the intrinsic lags end where the reflex's delay does.
+    percentage points. What separates the two is that the intrinsic lags end where the reflex's
+    delay does.
 
     Parameters
     ----------
@@ -193,8 +195,8 @@ class BasisCascade(AlternatingCascade):
 
     The intrinsic pathway is identified by :class:`BasisIRF` (``model="irf"``, ``prior="ridge"``)
     from the torque less the reflex's, the reflex with the same basis from the torque less the
-    intrinsic one, and so on until the torque explained grows by less than 0.001 points. f is the
-    velocity of stretch, rectified, or EMG.
+    intrinsic one, and so on until the torque explained grows by less than 0.001 percentage
+    points. f is the velocity of stretch, rectified, or EMG.
 
     Parameters
     ----------
@@ -261,8 +263,8 @@ class EnsembleCascade(AlternatingCascade):
 
     The intrinsic pathway is identified by :class:`ShortDataSegments` from the torque less the
     reflex's, the reflex by the same truncated pseudo-inverse from the torque less the intrinsic
-    one, and so on until the torque explained grows by less than 0.001 points. f is the velocity of
-    stretch, rectified.
+    one, and so on until the torque explained grows by less than 0.001 percentage points. f is the
+    velocity of stretch, rectified.
 
     Parameters
     ----------
@@ -317,6 +319,7 @@ class EnsembleCascade(AlternatingCascade):
 
         def solve(gram: Array, cross: Array, square: Array, realizations: int) -> Array:
             count = sliding_sum(np.full(len(square), float(realizations)), half, half)
+            # Time is the last axis of a transpose, where it is divided by the count.
             phi, mean, power = (
                 np.swapaxes(sliding_sum(each, half, half).T / count, 0, -1)
                 for each in (gram, cross, square)

@@ -1,4 +1,4 @@
-"""Intrinsic and reflex pathway of a joint in one fit."""
+"""Identify intrinsic and reflex pathway of a joint in one fit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ import numpy as np
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.cascade.columns import muscle, unresolved
-from tvsysid.methods.cascade.fit import DELAY, HIGHEST, IS_LOG, NUMBERS, THRESHOLD, Fit, ridge
+from tvsysid.methods.cascade.fit import (
+    DELAY,
+    HIGHEST,
+    IS_LOG,
+    SHAPE_NAMES,
+    THRESHOLD,
+    Fit,
+    posterior_of,
+)
 from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
 from tvsysid.methods.cascade.search import Hyperparameters, Search, Selection
@@ -195,17 +203,18 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
     ensemble, data, mean = search.ensemble, used.data, used.posterior.mean
     weights = np.eye(1, len(data.starts)), data.readout[1:]
     features = [data.features(each) for each in np.concatenate(weights)]
-    limited = mean[0] > 0, True, False
+    limited = mean[0] > 0, True, False  # which of them are not negative
     estimates = {
         quantity: _estimate(used, UNITS[quantity], *each)
         for quantity, *each in zip(IMPEDANCE, features, limited, strict=True)
     }
     gain = data.gain(ensemble.time / data.period)
     drive = search.drive(direction, float(fit.shape[THRESHOLD]))
-    estimates["reflex_gain"] = _estimate(fit, drive.gain_unit, gain, search.emg is None, data.own)
+    count = data.intrinsic_count
+    estimates["reflex_gain"] = _estimate(fit, drive.gain_unit, gain, search.emg is None, count)
     known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
-    over_time = data.over_time(mean[: data.own])
+    over_time = data.over_time(mean[:count])
     details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ data.readout[0]).mean())
     texts = _warnings(selection, details, estimates)
@@ -258,7 +267,7 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     lags = np.arange(math.floor(delay * data.rate + 1e-9), last + 1)
     weights = muscle(fit.shape, last + 1, data.rate)[lags]
     arrivals = ensemble.time[:, None] - lags / data.rate + delay
-    gain = data.gain(arrivals.ravel() / data.period) @ fit.posterior.mean[data.own :]
+    gain = data.gain(arrivals.ravel() / data.period) @ fit.posterior.mean[data.intrinsic_count :]
     response = gain.reshape(arrivals.shape) * weights / weights.sum()
     return response * selection.shown, lags / data.rate
 
@@ -269,15 +278,15 @@ def _details(selection: Selection) -> dict[str, float]:
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[fit.free]
     details = {"reflex_detected": float(shown), "constant": float(not used.data.varies)}
-    details |= dict(zip(NUMBERS, values.tolist(), strict=True))
-    details |= {f"{NUMBERS[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
+    details |= dict(zip(SHAPE_NAMES, values.tolist(), strict=True))
+    details |= {f"{SHAPE_NAMES[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
     if search.emg is None:
         details["direction"] = float(direction)
     else:
         del details["threshold"]
     torques = used.torques(used.posterior.mean)
     details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, torques, strict=True)))
-    if fit.free or not shown:  # else a part of the realizations is fitted again
+    if fit.free or not shown:  # else it is a refit, which holds out nothing
         details["vaf_held_out"] = 100 * used.share()
     return details
 
@@ -307,8 +316,9 @@ def _warnings(
             f"stiffness of {mean:.1f} N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; "
             "take the difference as an uncertainty, and viscosity and inertia as those of that fit"
         )
-    unlimited = ridge(fit.moments, fit.spread)
-    yield from contradicted((fit.posterior.left - unlimited.left) / fit.moments.square)
+    unlimited = posterior_of(fit.moments, fit.spread)
+    lost = fit.posterior.penalized_residual - unlimited.penalized_residual
+    yield from limit_warnings(lost / fit.moments.square)
     changes = not details["constant"]
     if changes and np.nanmax(upper - gain) > np.nanmax(gain) - np.nanmin(gain):
         yield (
@@ -328,7 +338,7 @@ def _held_stiffness(model: Model) -> Iterator[str]:
         )
 
 
-def contradicted(lost: float) -> Iterator[str]:
+def limit_warnings(lost: float) -> Iterator[str]:
     """Warn if the fit loses a share of the torque because quantities keep one sign."""
     if lost > MAX_LOST:
         yield (

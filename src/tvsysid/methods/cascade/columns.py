@@ -1,4 +1,4 @@
-"""Compute what is fitted: torque, filtered angles, and a drive behind delay and muscle."""
+"""Compute the columns of the regression: filtered angles, and a drive after delay and muscle."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tvsysid.numerics.differentiation import derivative_weights
 from tvsysid.numerics.second_order import response_readout
 from tvsysid.signals import Ensemble
 
-# Share of the Nyquist frequency over which so few lags give velocity and acceleration to 0.3 %
+# Share of the Nyquist frequency up to which filters of few lags give derivatives to 0.3 %
 BAND = 0.6
 RECORDED_HALF_WIDTH = 8  # samples to either side of derivatives at the recorded rate
 NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
@@ -70,7 +70,7 @@ def deviations(values: Array) -> Array:
 
 
 def filtered(values: Array, filters: Array) -> Array:
-    """Return values (realization, time) behind filters (filter, lag), about each sample.
+    """Filter values (realization, time) by each of the filters (filter, lag), about each sample.
 
     They are wrong where a filter reaches beyond the samples.
     """
@@ -106,7 +106,7 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
     (rad/s) and delay (s).
     """
     (frequency, damping), delay = np.exp(shape[:2]), float(shape[3])
-    # Poles of critical damping would be the same. They are taken apart.
+    # Equal poles (critical damping) would divide zero by zero. They are kept apart.
     root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
     poles = frequency * (np.array([[root], [-root]]) - damping)
     last = int((delay - NEGLIGIBLE / poles.real.max()) * rate)
@@ -129,7 +129,7 @@ class Explicit(NamedTuple):
 
 
 class Modulated(NamedTuple):
-    """Columns: a signal times functions of time, if need be behind a muscle.
+    """Columns: a signal times functions of time, perhaps convolved with a muscle's response.
 
     The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
     column), the ``muscle`` and the ``weighted`` muscle (time, history + time). Products are sums
@@ -146,7 +146,10 @@ Columns = Explicit | Modulated
 
 
 def product(one: Columns, other: Columns, rows: slice) -> Array:
-    """Return weighted products of columns with others."""
+    r"""Return weighted products of columns with others, summed over realizations (``rows``).
+
+    Without a muscle, :math:`\sum_r (s_r F)^T W (s'_r F') = F^T (W \circ \sum_r s_r s_r'^T)\, F'`.
+    """
     if isinstance(other, Explicit):
         if isinstance(one, Modulated):
             return product(other, one, rows).T
@@ -166,11 +169,11 @@ class Data:
     """Torque and intrinsic ``signals``, as deviations from their mean over realizations.
 
     The ``torque`` has shape (realization, time), the signals (signal, realization, time). ``rows``
-    and ``times`` of an ensemble are fitted. ``functions`` (time, column) are those of all times by
-    which coefficients change; those of a signal begin with the column ``starts``. ``gain`` is the
-    basis of the reflex's gain over a ``period`` in s. ``noise`` is the autocorrelation of the
-    noise, from lag 0 on. It weights the samples. If the ``true_noise`` is another one, products of
-    columns are those of the sandwich covariance of the coefficients.
+    and ``times`` of an ensemble are fitted. ``functions`` (time, column) are the basis functions
+    of each signal's coefficient, at all times of a realization. ``starts`` are the first columns of
+    the signals. ``gain`` is the basis of the reflex's gain over a ``period`` in s. ``noise`` is the
+    autocorrelation of the noise, from lag 0 on. It weights the samples. If the ``true_noise`` is
+    another one, products of columns are those of the sandwich covariance of the coefficients.
     """
 
     torque: Array
@@ -195,7 +198,7 @@ class Data:
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
         missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)
-        known_from = np.maximum(missing, edge)
+        known_from = np.maximum(missing, edge)  # first time of each realization that may be fitted
         sizes = np.sum(known_from <= known_from[:, None], axis=1) * (last - known_from)
         if not sizes.max() > 0:
             raise InputError(
@@ -232,7 +235,7 @@ class Data:
 
     @property
     def readout(self) -> Array:
-        """Return weights (quantity, signal) that turn coefficients into stiffness to inertia.
+        """Return weights (quantity, signal) that turn coefficients into the impedance.
 
         See :func:`tvsysid.numerics.second_order.response_readout`.
         """
@@ -250,14 +253,14 @@ class Data:
         return float((rows - 1) * times if rows > 1 else times - len(self.windows))
 
     @property
-    def own(self) -> int:
+    def intrinsic_count(self) -> int:
         """Return the number of intrinsic columns."""
         return int(self.functions.shape[1])
 
     @property
     def varies(self) -> bool:
         """Return whether any coefficient changes over time."""
-        return self.own > len(self.signals)
+        return self.intrinsic_count > len(self.signals)
 
     @cached_property
     def constant(self) -> Data:
@@ -267,7 +270,7 @@ class Data:
 
     @cached_property
     def windows(self) -> list[tuple[slice, Array]]:
-        """Return stretches of time, and the weights (time, time) of the samples in each."""
+        """Return intervals of time, and the weights (time, time) of the samples in each."""
         rows, times = self.torque.shape
         edges = np.linspace(0, times, -(-times // MAX_WINDOW) + 1).astype(int).tolist()
         windows = []
@@ -290,7 +293,7 @@ class Data:
         return Explicit(values, self.weighted(values))
 
     def modulated(self, signal: Array, functions: Array, response: Array | None = None) -> Columns:
-        """Return a signal (realization, history + time) times functions, behind a response.
+        """Return a signal (realization, history + time) times functions, convolved with a response.
 
         The functions have shape (history + time, column). A single column, and those of long
         realizations, are computed.
@@ -329,8 +332,8 @@ class Data:
         return np.stack(grown)
 
     def features(self, weights: Array) -> Array:
-        """Return the weights (time, column) that sum the signals' weighted coefficients."""
-        return self.functions * np.repeat(weights, np.diff([*self.starts, self.own]))
+        """Return rows (time, column) that give the weighted sum of the signals' coefficients."""
+        return self.functions * np.repeat(weights, np.diff([*self.starts, self.intrinsic_count]))
 
     def over_time(self, coefficients: Array) -> Array:
         """Return the coefficient of each signal at all times (time, signal)."""

@@ -17,7 +17,8 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
 
-FLAT_FAMILIES, FLAT_LOG_SIZE = 3, math.log(1e4)  # constants of impedance, relative to the noise
+# Constants of stiffness, viscosity and inertia have an almost flat prior, relative to the noise.
+FLAT_FAMILIES, FLAT_LOG_SIZE = 3, math.log(1e4)
 DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
 # Families are stiffness, viscosity, inertia, differences and reflex gain. The parameters are the
 # sizes of their constants and harmonics, and the decays of the latter.
@@ -29,7 +30,7 @@ MAX_ITERATIONS = 100  # of the search for the hyperparameters
 
 
 # A reflex's shape is log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
-NUMBERS = ("frequency", "damping", "threshold", "delay")
+SHAPE_NAMES = ("frequency", "damping", "threshold", "delay")
 FREQUENCY, DAMPING, THRESHOLD, DELAY = range(4)
 IS_LOG = np.arange(4) < THRESHOLD
 # Mean and standard deviation of the prior, bounds, and step of numerical derivatives. The delay
@@ -41,7 +42,8 @@ MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
         (0.0, 0.3, 0.0, 2.0, 0.02),
     ]
 ).T
-MAX_STEPS, MAX_HALVINGS, ROUNDS = 8, 6, 2
+MAX_STEPS, MAX_HALVINGS = 8, 6  # of Gauss-Newton, and of each of its steps
+ROUNDS = 2  # that improve shape and hyperparameters in turn
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
 
 
@@ -64,7 +66,7 @@ class Fit:
     parameters
         Hyperparameters; by default those of greatest evidence.
     positive
-        The products of the coefficients with each row are not negative, shape (row, column).
+        Rows (row, column) whose products with the coefficients must not be negative.
     """
 
     data: Data
@@ -76,6 +78,7 @@ class Fit:
 
     @parameters.default
     def _tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
+        """Return the hyperparameters of greatest evidence near a start."""
         return self.prior.tuned(start)
 
     @cached_property
@@ -100,23 +103,23 @@ class Fit:
 
     def torques(self, coefficients: Array) -> tuple[Array, Array]:
         """Return intrinsic and reflex torque (realization, time), less their means."""
-        data, (own, gain) = self.data, np.split(coefficients, [self.data.own])
+        data, (own, gain) = self.data, np.split(coefficients, [self.data.intrinsic_count])
         torque = np.einsum("ts,srt->rt", data.over_time(own)[data.times], data.signals)
         return deviations(torque), deviations(self.reflex(gain[:, None]).sum(axis=0))
 
-    def left(self, coefficients: Array) -> Array:
+    def residual_of(self, coefficients: Array) -> Array:
         """Return the torque (realization, time) that coefficients leave."""
         return np.asarray(self.data.torque - np.sum(self.torques(coefficients), axis=0))
 
     @property
-    def columns(self) -> Array:
+    def reflex_columns(self) -> Array:
         """Return the columns of the reflex (column, realization, time)."""
         return self.reflex(np.eye(2 * self.data.gain.harmonics + 1))
 
     @cached_property
     def _reflex(self) -> Columns:
         if self.drive is None:
-            return self.data.explicit(self.columns)
+            return self.data.explicit(self.reflex_columns)
         return self.data.modulated(*self._parts)
 
     @cached_property
@@ -132,7 +135,7 @@ class Fit:
     @property
     def prior(self) -> Prior:
         """Return the prior of the coefficients."""
-        ends = *self.data.starts, self.data.own, len(self.moments.cross)
+        ends = *self.data.starts, self.data.intrinsic_count, len(self.moments.cross)
         return Prior.of(np.diff(ends), self.moments)
 
     @cached_property
@@ -143,7 +146,7 @@ class Fit:
     @cached_property
     def posterior(self) -> Posterior:
         """Return the posterior of the coefficients."""
-        return ridge(self.moments, self.spread, self.positive)
+        return posterior_of(self.moments, self.spread, self.positive)
 
     @cached_property
     def objective(self) -> float:
@@ -151,16 +154,16 @@ class Fit:
         shape = (self.shape[self.free] - MEAN[self.free]) / SPREAD[self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
         square = self.moments.square
-        return log_evidence(self.posterior, square) - 0.5 * float(squares)
+        return relative_log_evidence(self.posterior, square) - 0.5 * float(squares)
 
     @property
     def residual(self) -> Array:
         """Return the residual torque (realization, time)."""
-        return self.left(self.posterior.mean)
+        return self.residual_of(self.posterior.mean)
 
     @cached_property
     def held_out(self) -> Array:
-        """Return the residual torque (realization, time) of coefficients of the other folds.
+        """Return the residual torque (realization, time) of each fold, fitted to the other folds.
 
         NaN if there is a single fold.
         """
@@ -168,8 +171,8 @@ class Fit:
         if len(data.folds) > 1:
             for rows, products in zip(data.folds, self.products, strict=True):
                 own = moments_of(products, len(left[rows]) / len(left) * data.number)
-                mean = ridge(self.moments.without(own), self.spread, self.positive).mean
-                left[rows] = self.left(mean)[rows]
+                mean = posterior_of(self.moments.without(own), self.spread, self.positive).mean
+                left[rows] = self.residual_of(mean)[rows]
         return left
 
     def share(self) -> float:
@@ -184,11 +187,12 @@ class Fit:
 
     def slopes(self) -> Array:
         """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
-        coefficients, slopes = self.posterior.mean[self.data.own :, None], []
+        coefficients, slopes = self.posterior.mean[self.data.intrinsic_count :, None], []
         numbers = self.shape[self.free]
         for step in np.diag(STEP[self.free]):
             ends = [self.with_shape(numbers + each) for each in (-step, step)]
             change = ends[1].reflex(coefficients) - ends[0].reflex(coefficients)
+            # One number differs, by less than two steps at its bounds.
             slopes.append(change[0] / np.sum(ends[1].shape - ends[0].shape))
         return np.array(slopes).reshape(-1, *self.data.torque.shape)
 
@@ -207,10 +211,10 @@ class Fit:
     def covariance(self) -> Array:
         r"""Return the sandwich covariance of the coefficients and the free numbers of the shape.
 
-        .. math:: H^{-1} \left(\Phi^T Q \Sigma Q \Phi + \sigma^4 P^{-1}\right) H^{-1}, \qquad
-                  H = \Phi^T Q \Phi + \sigma^2 P^{-1}
+        .. math:: H^{-1} \left(\Phi^T Q \Sigma Q \Phi + \sigma^4 P\right) H^{-1}, \qquad
+                  H = \Phi^T Q \Phi + \sigma^2 P
 
-        The derivatives by the shape are among the columns. P is the prior's covariance, Q the
+        The derivatives by the shape are among the columns. P is the prior precision, Q the
         weights of the samples, and :math:`\Sigma` the noise's autocovariance within a realization,
         from the residual.
         """
@@ -235,6 +239,7 @@ class Fit:
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
             moments, numbers = fit.moments_with_slopes(fit.slopes()), fit.shape[free]
+            # The prior pulls the step towards MEAN - numbers.
             away = np.zeros(len(moments.cross))
             away[-len(free) :] = MEAN[free] - numbers
             shifted = moments._replace(cross=moments.cross - moments.gram @ away)
@@ -262,14 +267,14 @@ def moments_of(products: Array, number: float) -> Moments:
     return Moments.of(np.roll(products, -1, axis=(0, 1)), number)
 
 
-def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
+def posterior_of(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
     """Return the posterior of coefficients whose prior ``spread`` is relative to the noise.
 
     The noise variance is the most probable one. The mean has the greatest posterior density of all
     coefficients whose products with each row of ``positive`` (row, coefficient) are not negative.
     """
     found = solve(moments, spread**-2)
-    mean, left = found.mean, found.left
+    mean, left = found.mean, found.penalized_residual
     if positive is not None:
         free = found.inverse_factor @ moments.cross
         inside = nearest_inside(free, found.inverse_factor @ positive.T)
@@ -277,16 +282,25 @@ def ridge(moments: Moments, spread: Array, positive: Array | None = None) -> Pos
     left = max(left, 1e-14 * moments.square + np.finfo(float).tiny)
     noise = left / moments.number
     precision = found.precision / noise
-    return attrs.evolve(found, mean=mean, left=left, noise_variance=noise, precision=precision)
+    return attrs.evolve(
+        found,
+        mean=mean,
+        penalized_residual=left,
+        noise_variance=noise,
+        precision=precision,
+    )
 
 
-def log_evidence(found: Posterior, square: float) -> float:
-    r"""Return the evidence relative to that of a torque that is all noise.
+def relative_log_evidence(found: Posterior, square: float) -> float:
+    r"""Return the log evidence relative to that of a torque that is all noise.
+
+    S is the diagonal matrix of the prior standard deviations relative to the noise.
 
     .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
               - \tfrac12 \log|S \Phi^T\Phi S + 1|
     """
-    return -0.5 * (found.number * math.log(found.left / square) + found.log_determinant)
+    misfit = found.number * math.log(found.penalized_residual / square)
+    return -0.5 * (misfit + found.log_determinant)
 
 
 def nearest_inside(point: Array, normals: Array) -> Array:
@@ -312,8 +326,9 @@ class Prior(NamedTuple):
     def of(sizes: NDArray[np.int64], moments: Moments) -> Prior:
         """Return the prior of the coefficients of signals, and of a reflex's gain, which is last.
 
-        There are so many of each: a constant, and two for each harmonic. Constants of stiffness,
-        viscosity and inertia have a flat prior. Signals beyond the acceleration share one size.
+        ``sizes`` counts the coefficients of each: a constant, and two for each harmonic.
+        Constants of stiffness, viscosity and inertia have a flat prior. Signals beyond the
+        acceleration share one size.
         """
         order = np.concatenate([np.arange(1, size + 1) // 2 for size in sizes])
         family = [*np.arange(len(sizes) - 1).clip(max=FLAT_FAMILIES), FAMILIES - 1]
@@ -334,9 +349,10 @@ class Prior(NamedTuple):
         """Return the parameters of greatest evidence near a start."""
 
         def cost(parameters: Array) -> tuple[float, Array]:
-            found, off = ridge(self.moments, self.spread(parameters)), decays_off(parameters)
-            slope = 2 * found.by_variances @ self.design - off / DECAY_SPREAD
-            return 0.5 * float(off @ off) - log_evidence(found, self.moments.square), -slope
+            found, off = posterior_of(self.moments, self.spread(parameters)), decays_off(parameters)
+            gradient = 2 * found.variance_gradient @ self.design - off / DECAY_SPREAD
+            evidence = relative_log_evidence(found, self.moments.square)
+            return 0.5 * float(off @ off) - evidence, -gradient
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(

@@ -120,7 +120,7 @@ class TwoPathwayModel(ImpulseResponseModel):
         first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1
         past = history(ensemble, self.drive(ensemble), first + late)[:, : late + ensemble.samples]
         reflex = convolve_lags(np.nan_to_num(past), self.reflex_response / self.sampling_rate)
-        # What is missing lies before all else.
+        # Only the first values are missing. So a sample lacks some if it lacks its earliest one.
         reflex[np.isnan(past[:, : ensemble.samples])] = np.nan
         if ensemble.mean_subtracted:
             reflex -= mean_known(reflex)

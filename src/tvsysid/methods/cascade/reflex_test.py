@@ -37,11 +37,11 @@ class ReflexTest(NamedTuple):
     """Evidence for a stretch reflex in held-out realizations.
 
     ``direction`` is 1 for a reflex to positive velocity and -1 for one to negative velocity,
-    whichever predicts better. ``over_none`` and ``over_linear`` are probabilities: that chance
-    alone makes the reflex predict so much better than no reflex, and than a late response that
-    is the same in both directions. ``share`` is the smallest share of the squared error that the
-    reflex explains (confidence 95 %); it is negative where none is certain. ``stiffness`` is the
-    mean in N·m/rad without a reflex and with it.
+    whichever predicts better. ``over_none`` and ``over_linear`` are the p-values of whether
+    the reflex predicts better than no reflex, and than a late response that is the same in both
+    directions. ``share`` is the smallest share of the squared error that the reflex explains
+    (confidence 95 %); it is negative where none is certain. ``stiffness`` is the mean in N·m/rad
+    without a reflex and with it.
     """
 
     direction: int
@@ -52,7 +52,7 @@ class ReflexTest(NamedTuple):
 
     @property
     def shown(self) -> bool:
-        """Return whether there is a reflex: a linear late response needs no direction."""
+        """Return whether the reflex predicts better than no reflex and than a linear response."""
         return max(self.over_none, self.over_linear) < MAX_P_VALUE
 
 
@@ -97,8 +97,8 @@ class _Regression(NamedTuple):
         torque = self.rows[..., -1]
         return np.asarray(np.sum((torque - predicted) ** 2 + ROUNDING * torque**2, axis=1))
 
-    def above(self, simple: Array, further: Array) -> tuple[float, float]:
-        """Compare what a further prediction adds to a simple one with 0. See ``_above_zero``."""
+    def improvement(self, simple: Array, further: Array) -> tuple[float, float]:
+        """Test whether a further prediction improves on a simple one. See ``_above_zero``."""
         torque = self.rows[..., -1]
         gain = np.sum((torque - simple) * (further - simple), axis=1)
         is_rounding = np.abs(gain) <= ROUNDING * np.sum(torque**2, axis=1)
@@ -122,7 +122,7 @@ def changes(ensemble: Ensemble) -> bool:
         return False
     either = (POSITIVE, NEGATIVE)
     constant, changing = (regression.predicted(either, most) for most in (0, TESTED_HARMONICS))
-    return regression.above(constant, changing)[0] < MAX_P_VALUE
+    return regression.improvement(constant, changing)[0] < MAX_P_VALUE
 
 
 @lru_cache(maxsize=1)  # adaptive, cascade and checks ask for the same ensemble
@@ -158,8 +158,8 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     none, linear, both, *directed = (regression.predicted(late) for late in models)
     positive, negative = (np.log(regression.errors(each)) for each in directed)
     index = 0 if np.sum(negative - positive) >= 0 else 1
-    over_none, share_over_none = regression.above(none, directed[index])
-    over_linear, share_over_linear = regression.above(linear, both)
+    over_none, share_over_none = regression.improvement(none, directed[index])
+    over_linear, share_over_linear = regression.improvement(linear, both)
     triangles = range(LINEAR + 1 + index * TRIANGLES, LINEAR + 1 + (index + 1) * TRIANGLES)
     return ReflexTest(
         direction=(1, -1)[index],
@@ -170,8 +170,8 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     )
 
 
-def predicts_better(errors: Array, others: Array) -> float:
-    """Return the probability that errors are so much smaller by chance.
+def prediction_p_value(errors: Array, others: Array) -> float:
+    """Return the p-value that errors are smaller than others.
 
     Squared errors of the same held-out realizations are compared by their logarithms, as some
     realizations are louder than others.
@@ -194,6 +194,7 @@ def _above_zero(scores: Array) -> tuple[float, float]:
 
 
 def _regression(ensemble: Ensemble) -> _Regression:
+    """Return the regressors and the torque at all times whose lags are known."""
     rate, core, order = ensemble.sampling_rate, ensemble.core, np.concatenate(ensemble.runs)
     seconds = RESPONSE_REACH_S, MIN_REFLEX_LAG_S, MAX_REFLEX_LAG_S
     reach, soonest, latest = (round(each * rate) for each in seconds)

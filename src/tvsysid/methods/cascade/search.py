@@ -18,7 +18,7 @@ from tvsysid.methods.cascade.fit import DAMPING, FREQUENCY, THRESHOLD, USUAL_PAR
 from tvsysid.methods.cascade.pathways import MeasuredChannel, Stretch, history
 from tvsysid.methods.cascade.reflex_test import (
     MIN_TESTED_REALIZATIONS,
-    predicts_better,
+    prediction_p_value,
     reflex_test_of,
 )
 from tvsysid.numerics import Array
@@ -36,7 +36,8 @@ MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is acce
 MIN_CHANGE_EVIDENCE = 1.0
 CACHED_DRIVES = 16  # thresholds that are tried
 
-Driven = Callable[[float], Array] | None  # drive of a reflex for a threshold; None without a reflex
+# Drive of a reflex for a threshold; None without a reflex
+DriveByThreshold = Callable[[float], Array] | None
 
 
 class Hyperparameters(NamedTuple):
@@ -50,9 +51,10 @@ class Hyperparameters(NamedTuple):
 
 
 class Selection(NamedTuple):
-    """Fit with the most likely reflex, and ``used`` fit, which has none if none is shown.
+    """Fits that a search selects.
 
-    ``direction`` is that of stretch, 1 or -1.
+    ``fit`` has the most likely reflex. ``used`` gives the estimates: the same fit if the reflex is
+    ``shown``, else one without a reflex. ``direction`` is that of stretch, 1 or -1.
     """
 
     search: Search
@@ -66,7 +68,7 @@ class Selection(NamedTuple):
 class Search:
     """Ensemble, and the reflexes that may explain its torque.
 
-    A reflex has a direction of stretch, 1 or -1. It has no meaning if a channel of EMG drives it.
+    A reflex has a direction of stretch, 1 or -1. The direction has no meaning with EMG.
     The settings are those of ``JointCascade``.
     """
 
@@ -84,7 +86,7 @@ class Search:
         """Return the drive of a reflex."""
         return MeasuredChannel(self.emg) if self.emg else Stretch(threshold, direction)
 
-    def driven(self, direction: int) -> Callable[[float], Array]:
+    def drive_by_threshold(self, direction: int) -> Callable[[float], Array]:
         """Return the function that gives a drive for a threshold, with its history, less its mean.
 
         The drive has shape (realization, history + time). It is 0 where nothing was recorded.
@@ -92,38 +94,38 @@ class Search:
         samples, times = round(HISTORY_S * self.ensemble.sampling_rate), self.data.times
 
         @lru_cache(CACHED_DRIVES)
-        def driven(threshold: float) -> Array:
+        def drive(threshold: float) -> Array:
             values = self.drive(direction, threshold)(self.ensemble)
             known = history(self.ensemble, values, samples)[self.data.rows]
             return deviations(known[:, times.start : samples + times.stop])
 
-        return driven
+        return drive
 
     def _shape(self, threshold: float) -> Array:
         """Return the shape of a reflex with a usual muscle."""
         usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
         return np.array([math.log(16.0), math.log(0.8), threshold, self.delay or usual])
 
-    def fit(self, driven: Driven) -> Fit:
+    def fit(self, drive: DriveByThreshold) -> Fit:
         """Return the fit with a reflex. The data choose whether coefficients change over time."""
         threshold, free = INITIAL_THRESHOLD, [FREQUENCY, DAMPING, THRESHOLD]
         if self.emg:
             threshold, free = 0.0, [FREQUENCY, DAMPING]
-        shape, free = self._shape(threshold), free if driven else []
-        start = Fit(self.data.constant, driven, shape, free, USUAL_PARAMETERS).improved()
+        shape, free = self._shape(threshold), free if drive else []
+        start = Fit(self.data.constant, drive, shape, free, USUAL_PARAMETERS).improved()
 
-        def solved(data: Data) -> Fit:
-            return Fit(data, driven, start.shape, start.free)
+        def solved(data: Data) -> Fit:  # with the shape found for constant coefficients
+            return Fit(data, drive, start.shape, start.free)
 
-        left = solved(self.data).residual
-        data = attrs.evolve(self.data, noise=autocorrelation(left))
+        residual = solved(self.data).residual
+        data = attrs.evolve(self.data, noise=autocorrelation(residual))
         fit = solved(data)
         if data.varies:
             constant = solved(data.constant)
             fit = fit if _is_better(fit, constant, MIN_CHANGE_EVIDENCE) else constant
-        if len(left) < MIN_TESTED_REALIZATIONS:
+        if len(residual) < MIN_TESTED_REALIZATIONS:
             return fit
-        data = attrs.evolve(fit.data, noise=autocorrelation(left, WHITE_FLOOR))
+        data = attrs.evolve(fit.data, noise=autocorrelation(residual, WHITE_FLOOR))
         white = attrs.evolve(fit, data=data).share()
         is_misfit = white - fit.share() > MAX_MISFIT * (1 - white)
         return solved(data) if is_misfit else fit
@@ -135,19 +137,19 @@ class Search:
             with suppress(InputError):  # realizations are too short for it
                 test = reflex_test_of(self.ensemble)
                 direction, shown = test.direction, test.shown
-        driven = self.driven(direction)
+        drive = self.drive_by_threshold(direction)
         if shown:
-            fit = self._limited(_refined(self.fit(driven)))
+            fit = self._limited(_refined(self.fit(drive)))
             return Selection(self, direction, True, fit, fit)
         none = self.fit(None)
-        usual = Fit(none.data, driven, self._shape(0.0), [])
+        usual = Fit(none.data, drive, self._shape(0.0), [])
         return Selection(self, direction, False, self._limited(usual), self._limited(none))
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is detected."""
         data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
-        driven = self.driven(known.direction)
-        fit = self._limited(Fit(data, driven, known.shape, [], known.parameters))
+        drive = self.drive_by_threshold(known.direction)
+        fit = self._limited(Fit(data, drive, known.shape, [], known.parameters))
         return Selection(self, known.direction, True, fit, fit)
 
     def _limited(self, fit: Fit) -> Fit:
@@ -181,8 +183,11 @@ def _refined(fit: Fit) -> Fit:
 
 
 def _is_better(best: Fit, rest: Fit, least: float = 0.0) -> bool:
-    """Return whether a fit predicts better; of few realizations, has so much more evidence."""
+    """Return whether ``best`` predicts held-out data better than ``rest``.
+
+    With few realizations: whether its log evidence is greater by more than ``least``.
+    """
     if len(best.data.torque) < MIN_TESTED_REALIZATIONS:
         return best.objective > rest.objective + least
     squares = best.data.squares
-    return predicts_better(squares(best.held_out), squares(rest.held_out)) < MAX_CHANGE_P_VALUE
+    return prediction_p_value(squares(best.held_out), squares(rest.held_out)) < MAX_CHANGE_P_VALUE

@@ -100,9 +100,9 @@ class Likelihood:
         precision = np.where(flat[counts], 0.0, np.exp(-log_variances[counts]))
         # Real and imaginary parts have half the variance each, and so has a weight (see kbr.fit).
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
-        by_gamma = np.bincount(signal[counts], found.by_variances, minlength=3)
-        by_length = float(found.by_variances @ slopes[harmonic[counts]])
-        return found.log_evidence, np.array([by_length, *by_gamma, found.by_noise])
+        by_gamma = np.bincount(signal[counts], found.variance_gradient, minlength=3)
+        by_length = float(found.variance_gradient @ slopes[harmonic[counts]])
+        return found.log_evidence, np.array([by_length, *by_gamma, found.noise_gradient])
 
     def climb(self, start: Settings, lengths: tuple[float, float]) -> Settings:
         """Climb to the highest likelihood near a start, with l1 between two ``lengths``."""

@@ -93,8 +93,9 @@ def tvsysid(monkeypatch, capsys, tmp_path):
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
     monkeypatch.setattr("tvsysid.studies.published_study.draw_all", lambda *given: {})
-    diagnosis = "tvsysid.studies.van_de_ruit_2021.experiment.write_diagnosis"
-    monkeypatch.setattr(diagnosis, lambda *given: None)
+    experiment = "tvsysid.studies.van_de_ruit_2021.experiment"
+    monkeypatch.setattr(f"{experiment}.draw_all", lambda *given: {})
+    monkeypatch.setattr(f"{experiment}.write_diagnosis", lambda *given, **_: None)
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)
     monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given, **_: None)

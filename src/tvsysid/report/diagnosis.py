@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from tvsysid.errors import InputError
-from tvsysid.figures import Illustration, diagnosis_panels, draw_all, recorded_signals
+from tvsysid.figures import Illustration, Picture, diagnosis_panels, draw_all, recorded_signals
 from tvsysid.figures.diagnosis import LOWEST
 from tvsysid.quality import Diagnosis
 from tvsysid.report.page import render
@@ -21,6 +21,7 @@ def write_diagnosis(
     diagnoses: Mapping[str, Diagnosis],
     command: str = "",
     recordings: Mapping[str, Illustration] = MappingProxyType({}),
+    pictures: Mapping[str, Picture] | None = None,
 ) -> None:
     """Write one HTML file that holds all that was seen and needs nothing else.
 
@@ -34,6 +35,8 @@ def write_diagnosis(
         What was typed, if it is to be mentioned.
     recordings
         Pictures of the recordings, by the names of their ensembles.
+    pictures
+        Of :func:`diagnosis_picture`, if they are drawn already.
 
     Raises
     ------
@@ -42,19 +45,20 @@ def write_diagnosis(
     """
     if not diagnoses:
         raise InputError("write_diagnosis: expected diagnoses by name, got none")
-    drawn = {name: diagnosis_illustration(each, name) for name, each in diagnoses.items()}
+    if pictures is None:
+        pictures = {name: diagnosis_picture(each, name) for name, each in diagnoses.items()}
     render(
         path,
         "diagnosis.html",
         diagnoses=diagnoses,
-        pictures=draw_all(drawn),
+        pictures=pictures,
         recordings=draw_all(recordings),
         command=command,
     )
 
 
-def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
-    """Return the six pictures of a diagnosis with a title and a description."""
+def diagnosis_picture(diagnosis: Diagnosis, name: str) -> Picture:
+    """Draw the six pictures of a diagnosis."""
     value, unit = diagnosis.measures["natural frequency"]
     text = (
         "Power of the angle over frequency, and the band from "
@@ -67,7 +71,7 @@ def diagnosis_illustration(diagnosis: Diagnosis, name: str) -> Illustration:
         "at negative ones feedback. The tables have the numbers."
     )
     draw = partial(diagnosis_panels, diagnosis, name)
-    return Illustration(draw, f"Diagnosis of {name}", text)
+    return draw_all({name: Illustration(draw, f"Diagnosis of {name}", text)})[name]
 
 
 def recording_illustration(recording: Recording, ensemble: Ensemble) -> Illustration:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from tvsysid.comparison import compare
 from tvsysid.errors import DataQualityWarning
@@ -26,6 +26,7 @@ from tvsysid.figures.saving import illustrated
 from tvsysid.figures.words import perturbation_name
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis
+from tvsysid.report.diagnosis import diagnosis_picture
 from tvsysid.report.page import in_text, render
 from tvsysid.report.studies import best_methods, common, metric_columns, settings_of
 from tvsysid.study import Prepared
@@ -104,46 +105,46 @@ def metrics(summary: pd.DataFrame, *each: str) -> pd.DataFrame:
     return table
 
 
+REPORTED = ["recording", "stiffness (N·m/rad)", "method", "reasons"]
+
+
+class ReportedAnswer(NamedTuple):
+    """Stiffness to report of a recording, in words (``REPORTED``), and its diagnosis if any."""
+
+    recording: str
+    stiffness: str = "none"
+    method: str = ""
+    reasons: str = ""
+    diagnosis: Diagnosis | None = None
+    picture: Picture | None = None
+
+
 @contextmanager
 def stiffness_to_report(
     prepared: Sequence[Prepared], results: xr.Dataset, workers: int | None = None
-) -> Iterator[Callable[[], tuple[pd.DataFrame, dict[str, Diagnosis]]]]:
+) -> Iterator[Iterator[ReportedAnswer]]:
     """Begin to find the answer for each recording, as :func:`tvsysid.compare` gives it.
 
     Worker processes work while the caller draws. Methods with a reference channel take the place
     of the usual ones, if the experiment has any.
-
-    Yields
-    ------
-    Function that waits for the answers and returns their table, and the recordings' diagnoses.
     """
-    import pandas as pd  # noqa: PLC0415  # heavy
-
     methods = [each for each in dict.fromkeys(results.method_key.values) if "reference=" in each]
     with in_processes(partial(_answer_for, methods=methods), prepared, workers) as found:
-
-        def answers() -> tuple[pd.DataFrame, dict[str, Diagnosis]]:
-            rows, diagnoses = zip(*found, strict=True)
-            labels = [row[0] for row in rows]
-            columns = ["recording", "stiffness (N·m/rad)", "method", "reasons"]
-            known = {label: each for label, each in zip(labels, diagnoses, strict=True) if each}
-            return pd.DataFrame(rows, columns=columns), known
-
-        yield answers
+        yield found
 
 
-def _answer_for(
-    item: Prepared, methods: Sequence[str]
-) -> tuple[tuple[str, str, str, str], Diagnosis | None]:
-    """Return label, stiffness, method and reasons for a recording, and its diagnosis if any."""
+def _answer_for(item: Prepared, methods: Sequence[str]) -> ReportedAnswer:
+    label = item.recorded.label
     if not item.ensemble:
-        return (item.recorded.label, "none", "", item.failure), None
+        return ReportedAnswer(label, reasons=item.failure)
     with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
         found = compare(item.ensemble, methods)
     answer, diagnosis = found.answer, found.recommendation.diagnosis
     stated = in_text(mean_of(answer.stiffness), answer.half_band, 1) if answer.is_stated else "none"
-    own = diagnosis if isinstance(diagnosis, Diagnosis) else None
-    return (item.recorded.label, stated, answer.label, " ".join(answer.reasons)), own
+    row = ReportedAnswer(label, stated, answer.label, " ".join(answer.reasons))
+    if isinstance(diagnosis, Diagnosis):
+        return row._replace(diagnosis=diagnosis, picture=diagnosis_picture(diagnosis, label))
+    return row
 
 
 def experiment_figures(

@@ -22,7 +22,7 @@ from tvsysid.numerics import Array
 from tvsysid.quality import Diagnosis
 from tvsysid.recordings import write_ensemble, write_table
 from tvsysid.report import write_diagnosis, write_experiment_report
-from tvsysid.report.experiment import experiment_figures, stiffness_to_report
+from tvsysid.report.experiment import REPORTED, experiment_figures, stiffness_to_report
 from tvsysid.studies.claims import (
     HIGHER,
     HIGHER_RATIO,
@@ -247,18 +247,21 @@ def write_experiment(
         tables["claims.csv"] = claims
     files = ["report.html", "figures/"]
     diagnoses: dict[str, Diagnosis] = {}
-    with stiffness_to_report(prepared, results, workers) as answers_found:
+    with stiffness_to_report(prepared, results, workers) as found:
         figures = experiment_figures(results, summary, prepared)
         pictures = draw_all(figures, folder / "figures")
-        if prepared:
-            tables["answers.csv"], diagnoses = answers_found()
+        reported = list(found)
     if prepared:
+        rows = [each[: len(REPORTED)] for each in reported]
+        tables["answers.csv"] = pd.DataFrame(rows, columns=REPORTED)
+        diagnoses = {each.recording: each.diagnosis for each in reported if each.diagnosis}
+        seen = {each.recording: each.picture for each in reported if each.picture}
         tables["exclusions.csv"] = exclusions(prepared)
         for each in prepared:
             if each.ensemble:
                 file = folder / "prepared" / f"{each.recorded.label}.nc"
                 write_ensemble(file, each.ensemble)
-        write_diagnosis(folder / "diagnosis.html", diagnoses, command)
+        write_diagnosis(folder / "diagnosis.html", diagnoses, command, pictures=seen)
         files += ["prepared/", "diagnosis.html"]
     elif (file := folder / "answers.csv").exists():
         tables["answers.csv"] = pd.read_csv(file, keep_default_na=False)

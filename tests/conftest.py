@@ -18,10 +18,9 @@ from threadpoolctl import threadpool_limits
 import tvsysid as tv
 from tvsysid.models import IMPEDANCE
 
-# Small matrices: threads would only wait for each other, here and in processes that tests start.
+# Threads would only wait for each other, here and in processes that tests start.
 threadpool_limits(1)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.load_profile("repeatable")
 
@@ -92,13 +91,13 @@ def tvsysid(monkeypatch, capsys, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without figures, which take most of the time; other tests have them."""
-    monkeypatch.setattr("tvsysid.studies.published_study.draw_all", lambda *given: {})
-    experiment = "tvsysid.studies.van_de_ruit_2021.experiment"
-    monkeypatch.setattr(f"{experiment}.draw_all", lambda *given: {})
-    monkeypatch.setattr(f"{experiment}.write_diagnosis", lambda *given, **_: None)
+    for module in ("published_study", "van_de_ruit_2021.experiment"):
+        monkeypatch.setattr(f"tvsysid.studies.{module}.draw_all", lambda *given: {})
     for module in ("report.folder", "figures"):
         monkeypatch.setattr(f"tvsysid.{module}.save", lambda figure, file: None)
-    monkeypatch.setattr("tvsysid.report.folder.write_identification", lambda *given, **_: None)
+    diagnosis = "studies.van_de_ruit_2021.experiment.write_diagnosis"
+    for writer in (diagnosis, "report.folder.write_identification"):
+        monkeypatch.setattr(f"tvsysid.{writer}", lambda *given, **_: None)
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from tests.drawing import draw
 from tests.virtual import prepared, simulated
 
@@ -15,15 +16,10 @@ def figure():
 
 
 def lines_by_colour(axes):
-    thin = [line for line in axes.lines if line.get_rasterized()]
     return {
-        colour: [line.get_ydata() for line in thin if line.get_color() == colour]
-        for colour in {line.get_color() for line in thin}
+        to_hex(lines.get_color()[0]).upper(): [segment[:, 1] for segment in lines.get_segments()]
+        for lines in axes.collections
     }
-
-
-def others(axes):
-    return [line for line in axes.lines if not line.get_rasterized()]
 
 
 def test_every_realization_is_drawn_in_the_colour_of_what_became_of_it(figure):
@@ -49,13 +45,13 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
     preparation = prepared(1, "prbs")
     for axes in (before, alignment):
         np.testing.assert_array_equal(
-            others(axes)[0].get_ydata(), preparation.steps["alignment"].mean
+            axes.lines[0].get_ydata(), preparation.steps["alignment"].mean
         )
     for axes, step in (
         (task, preparation.steps["task component"]),
         (residual, preparation.steps["residual"]),
     ):
-        mean, low, high = (line.get_ydata() for line in others(axes))
+        mean, low, high = (line.get_ydata() for line in axes.lines)
         np.testing.assert_allclose(high - mean, step.half_width)
         np.testing.assert_allclose(mean - low, step.half_width)
     assert task.get_xlabel() == "time within a realization (s)"
@@ -78,4 +74,4 @@ def test_steps_that_were_not_taken_are_not_drawn(settings, titles, legend):
     assert [axes.get_title().partition(":")[0] for axes in figure.axes[2:]] == titles
     shown = [text.get_text() for text in figure.legends[0].texts]
     assert legend in shown
-    assert bool(others(figure.axes[0])) == ("reference" not in settings)
+    assert bool(figure.axes[0].lines) == ("reference" not in settings)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -169,4 +170,7 @@ def _draw_outcomes(axes: Axes, time: Array, torque: Array, excluded_by: NDArray[
 
 
 def _draw_realizations(axes: Axes, time: Array, values: Array, label: str, color: str) -> None:
-    axes.plot(time, values.T, color=color, label=[label] * len(values), **THIN)
+    if len(values):
+        segments = np.stack(np.broadcast_arrays(time, values), axis=-1)
+        axes.add_collection(LineCollection([*segments], color=color, label=label, **THIN))
+        axes.autoscale_view()

@@ -20,7 +20,7 @@ def decimation_weights(factor: float, taps: int = TAPS, later: ArrayLike = 0.0) 
     It gives the value a fraction of a sample ``later`` (...,).
     """
     lags = np.arange(taps) - taps // 2 - np.asarray(later)[..., None]
-    weights = np.sinc(lags / factor) * (0.54 + 0.46 * np.cos(2 * np.pi / (taps - 1) * lags))
+    weights = np.sinc(lags / factor) * (0.54 + 0.46 * np.cos(np.pi * (2 * lags) / (taps - 1)))
     return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
 
 

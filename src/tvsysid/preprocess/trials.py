@@ -182,13 +182,17 @@ def align_channels(recording: Recording, delay: float) -> Recording:
         padded = np.pad(torque, SINC, "reflect", reflect_type="odd")
         return advanced(padded, samples)[SINC:-SINC]
 
-    torque = np.concatenate([shift(recording.torque[trial]) for trial in recording.trials])
-    return map_trials(
-        attrs.evolve(recording, torque=torque),
-        lambda values: values[head:][: -tail or None],
+    def cut(values: Array) -> Array:
+        return values[head:][: -tail or None]
+
+    torque = np.concatenate([cut(shift(recording.torque[trial])) for trial in recording.trials])
+    aligned = map_trials(
+        recording,
+        cut,
         start=recording.start + head / recording.sampling_rate,
         delay_removed=recording.delay_removed + delay,
     )
+    return attrs.evolve(aligned, torque=torque)
 
 
 def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:

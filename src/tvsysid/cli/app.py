@@ -75,9 +75,8 @@ def main() -> None:
         error.verbose = False
         problem = str(error).partition(" Available commands")[0].rstrip(".")
         if isinstance(error, UnusedCliTokensError):
-            problem = (
-                f"does not take {', '.join(error.unused_tokens or ())}; give one file at a time"
-            )
+            tokens = ", ".join(error.unused_tokens or ())
+            problem = f"does not take {tokens} here; an option begins with its name"
         typed = " ".join(["tvsysid", *(error.command_chain or ())])
         code, text = 2, f"{problem} (see {typed} --help)"
     except OSError as error:

@@ -123,12 +123,19 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
     """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
     from tvsysid.comparison import prepare_recording
     from tvsysid.planning import Protocol
+    from tvsysid.quality import diagnose
+    from tvsysid.recommendation.method import INVALIDATING_FAULTS
     from tvsysid.recordings import read_recording
 
     cutting = attrs.evolve(segmentation, period=segmentation.period or PERIOD_S)
     prepared = prepare_recording(read_recording(file, reading), cutting)
     for note in prepared.notes:
         say(note)
+    for found in diagnose(prepared.ensemble).findings:
+        if found.name in INVALIDATING_FAULTS:
+            raise InputError(
+                f"--pilot {file}: its stiffness is not valid: {found.what}; {found.fault.remedy}"
+            )
     pilot = Protocol.of(prepared.ensemble)
     stiffness = pilot.stiffness_over_time
     say(

@@ -52,8 +52,8 @@ def show_plan(
 
     with errors.status("timing a draw of each case"):
         identifications, seconds = plan(study, prepared)
-    minutes = seconds / (workers.workers or cores()) / 60
-    time = f"about {minutes:,.0f} min" if minutes > 1 else "less than a minute"
+    seconds /= workers.workers or cores()
+    time = f"about {seconds / 60:,.0f} min" if seconds > 90 else f"about {seconds:.0f} s"
     say(
         f"methods: {', '.join(study.named_methods)}\n{draws}: {identifications:,} identifications\n"
         f"{time}, beside the start and the figures; nothing was run"

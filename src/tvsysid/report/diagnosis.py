@@ -36,7 +36,7 @@ def write_diagnosis(
     recordings
         Pictures of the recordings, by the names of their ensembles.
     pictures
-        Of :func:`diagnosis_picture`, if they are drawn already.
+        Pictures of the diagnoses, if they are drawn already.
 
     Raises
     ------

@@ -1,3 +1,4 @@
+import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -9,6 +10,7 @@ from tests.study.conftest import SMALL, Mine, same
 import tvsysid as tv
 from tvsysid.study import Study, plan, run
 from tvsysid.study.trials import draw
+from tvsysid.study.workers import in_processes
 
 SHORT = {"duration_s": 40, "trials": 3, "perturbation": "prbs", "methods": "sds"}
 
@@ -96,3 +98,9 @@ def test_a_plan_tells_number_and_time():
     identifications, seconds = plan(Study(**SHORT | {"duration_s": [40, 80]}))
     assert identifications == 6
     assert 0 < seconds < 60
+
+
+def test_a_worker_that_dies_while_answers_are_found_is_told_in_one_line():
+    message = "Run the same command again to resume"
+    with pytest.raises(tv.InputError, match=message), in_processes(os._exit, [1, 1], 2) as found:
+        list(found)

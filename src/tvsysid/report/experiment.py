@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -119,18 +119,16 @@ class ReportedAnswer(NamedTuple):
     picture: Picture | None = None
 
 
-@contextmanager
 def stiffness_to_report(
     prepared: Sequence[Prepared], results: xr.Dataset, workers: int | None = None
-) -> Iterator[Iterator[ReportedAnswer]]:
+) -> AbstractContextManager[Iterator[ReportedAnswer]]:
     """Begin to find the answer for each recording, as :func:`tvsysid.compare` gives it.
 
     Worker processes work while the caller draws. Methods with a reference channel take the place
     of the usual ones, if the experiment has any.
     """
     methods = [each for each in dict.fromkeys(results.method_key.values) if "reference=" in each]
-    with in_processes(partial(_answer_for, methods=methods), prepared, workers) as found:
-        yield found
+    return in_processes(partial(_answer_for, methods=methods), prepared, workers)
 
 
 def _answer_for(item: Prepared, methods: Sequence[str]) -> ReportedAnswer:

@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from itertools import islice
@@ -24,6 +25,7 @@ from tvsysid.study.tasks import Task, run_pickled, run_task
 T = TypeVar("T")
 R = TypeVar("R")
 
+RESUME = "Run the same command again to resume"
 UNKNOWN_WORKERS = 32  # workers that an executor is assumed to have
 
 
@@ -65,13 +67,19 @@ def run_tasks(
 def in_processes(
     function: Callable[[T], R], items: Sequence[T], workers: int | None = None
 ) -> Iterator[Iterator[R]]:
-    """Begin to call a function of each item in local processes, one thread of BLAS each."""
+    """Begin to call a function of each item in local processes, one thread of BLAS each.
+
+    An InputError is raised if a worker dies.
+    """
     call = partial(_on_one_thread, function)
-    if (count := min(workers or cores(), len(items))) > 1:
+    if (count := min(workers or cores(), len(items))) < 2:
+        yield map(call, items)
+        return
+    try:
         with _processes(count) as pool:
             yield pool.map(call, items)
-    else:
-        yield map(call, items)
+    except BrokenProcessPool as error:
+        raise InputError(f"a worker failed: {error} {RESUME}") from error
 
 
 def _on_one_thread(function: Callable[[T], R], item: T) -> R:
@@ -103,8 +111,7 @@ def _by_executor(
         raise InputError(
             f"run: a worker failed ({type(error).__name__}: {one_line(str(error))})"
             f"{' or'.join(names)}. It crashed, ran out of memory, did not start (a script must "
-            "call run under `if __name__ == '__main__':`), or could not be sent its task. Run the "
-            "same command again to resume"
+            f"call run under `if __name__ == '__main__':`), or could not be sent its task. {RESUME}"
         ) from error
     finally:
         for future in running:

@@ -235,8 +235,8 @@ def refined_sets(rough: Iterable[CurveModel]) -> list[CurveModel]:
         refined = each.refined()
         for switches in (refined, refined.without_doubles()):
             own, offset = switches.positions, switches.smooth.estimate.axis.offset
-            alike = (other.positions for other in out if len(other.positions) == len(own))
-            if not any((np.abs(offset(other, own)) < MAX_OFFSET).all() for other in alike):
+            as_many = (known.positions for known in out if len(known.positions) == len(own))
+            if not any((np.abs(offset(known, own)) < MAX_OFFSET).all() for known in as_many):
                 out.append(switches)
     return out
 

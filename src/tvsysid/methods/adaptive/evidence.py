@@ -112,7 +112,7 @@ class FreeEstimate:
         return attrs.evolve(self, whitener=self.whitener / math.sqrt(misfit))
 
     def steps(self, positions: Array) -> Steps:
-        """Return steps at positions, of which no smooth part explains anything yet."""
+        """Return steps at positions, before any smooth part is fitted."""
         columns = self.whitener @ self.axis.steps(positions, recorded=True)
         products = self.white.T @ columns
         none, power = np.zeros((0, len(positions))), np.sum(columns**2, axis=0)

@@ -150,9 +150,9 @@ def best_change(model: CurveModel, grid: Grid) -> CurveModel:
 def joint_switches(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     """Yield the positions of the best one, two and more switches between constant levels.
 
-    Dynamic programming finds them as if the noise were white (Bellman 1961). It finds several
-    switches together, each of which alone has little evidence, so that steps of one switch would
-    miss them. A periodic axis is cut at the ``first`` position, with or without a switch there.
+    Dynamic programming finds them as if the noise were white (Bellman 1961). It also finds several
+    switches that have little evidence one by one. A periodic axis is cut at the ``first`` position,
+    with or without a switch there.
     """
     times, periodic = estimate.axis.times, estimate.axis.periodic
     cut = round(first[0]) if periodic and len(first) else 0

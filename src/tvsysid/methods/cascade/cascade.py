@@ -330,11 +330,11 @@ def _warnings(
 def _held_stiffness(model: Model) -> Iterator[str]:
     """Warn if stiffness is 0 at a time, because it keeps one sign."""
     stiffness = np.abs(model.stiffness)
-    least = int(np.nanargmin(stiffness))
-    if stiffness[least] < ROUNDING * np.nanmean(stiffness):
+    lowest = int(np.nanargmin(stiffness))
+    if stiffness[lowest] < ROUNDING * np.nanmean(stiffness):
         yield (
-            f"the fit of both pathways holds stiffness at 0 at {model.time[least]:.2f} s, where it "
-            "would change its sign otherwise: this model does not describe the joint there"
+            f"the fit of both pathways holds stiffness at 0 at {model.time[lowest]:.2f} s, where "
+            "it would change its sign otherwise: this model does not describe the joint there"
         )
 
 

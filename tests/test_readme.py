@@ -20,6 +20,17 @@ def blocks(heading):
     return re.findall(r"^```\w*\n(.+?)\n^```", section, re.MULTILINE | re.DOTALL)
 
 
+@pytest.fixture
+def recorded(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recording = (
+        tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+        .simulate(60, perturbation=tv.simulate.PRBS(), snr_db=20, seed=0)
+        .recording
+    )
+    savemat("ankle.mat", {"angle": recording.angle, "torque": recording.torque})
+
+
 @pytest.mark.parametrize(
     ("heading", "command"),
     [
@@ -38,33 +49,22 @@ def test_commands_are_one_line_each(heading, command):
     assert blocks(heading) == [command]
 
 
-def test_python_example_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
-        60, perturbation=tv.simulate.PRBS(), snr_db=20, seed=0
-    )
-    savemat("ankle.mat", {"pos": simulation.recording.angle, "tq": simulation.recording.torque})
+@pytest.mark.usefixtures("recorded")
+def test_python_example_runs():
     (code,) = blocks("From Python")
     names = {}
     exec(code, names)
     assert np.isfinite(names["model"].stiffness).all()
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("recorded", "sketched")
 def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    recording = (
-        tv.simulate.Joint(stiffness=tv.simulate.SineWave())
-        .simulate(60, perturbation=tv.simulate.PRBS(), snr_db=20, seed=0)
-        .recording
-    )
-    savemat("ankle.mat", {"pos": recording.angle, "tq": recording.torque})
     (command,) = (text for text in blocks("Identify your own recording") if "--diagnose" in text)
     monkeypatch.setattr(sys, "argv", shlex.split(command))
     with pytest.raises(SystemExit) as stopped:
         cli.main()
     assert stopped.value.code == 0
-    assert (tmp_path / "tvsysid-inspect" / "ankle.mat.pos-tq.diagnosis.html").exists()
+    assert (tmp_path / "tvsysid-inspect" / "ankle.mat.angle-torque.diagnosis.html").exists()
     count = len(tv.quality.FAULTS)
     assert f"looks for {count} things" in README
     assert f"no fault found in {count - 4} of {count} checks" in " ".join(

@@ -31,7 +31,7 @@ def test_the_example_runs(tmp_path, monkeypatch, capsys):
         .simulate(60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=0)
         .recording
     )
-    savemat("ankle.mat", {"pos": recording.angle, "tq": -recording.torque})
+    savemat("ankle.mat", {"angle": recording.angle, "torque": -recording.torque})
     (code,) = re.findall(r"^```python\n(.+?)\n^```", PAGE, re.MULTILINE | re.DOTALL)
     exec(code, {})
     assert "reversed" in capsys.readouterr().out

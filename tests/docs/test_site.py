@@ -12,7 +12,8 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 def blocks(page, language):
     text = (DOCS / page).read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.+?)\n^```", text, re.MULTILINE | re.DOTALL)
+    found = re.findall(r"^```(\w*)\n(.+?)\n^```", text, re.MULTILINE | re.DOTALL)
+    return [block for name, block in found if name == language]
 
 
 @pytest.mark.parametrize("page", ["formats.md", "cluster.md", "planning.md"])

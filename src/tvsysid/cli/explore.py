@@ -36,7 +36,7 @@ def explore(
 
     Example: `tvsysid explore ankle.mat`
 
-    Example: `tvsysid explore ankle.mat --angle pos --torque tq --rate 1000 --period 2
+    Example: `tvsysid explore ankle.mat --angle angle --torque torque --rate 1000 --period 2
     --torque-sign -1`
 
     Parameters

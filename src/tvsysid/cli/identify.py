@@ -111,8 +111,8 @@ def identify(
     tables, models and figures to a folder. See docs/identify.md. `tvsysid inspect FILE` lists the
     channels, and saves these options.
 
-    Example: `tvsysid identify ankle.mat --angle pos --torque tq --rate 1000 --decimate 100 --period
-    2`
+    Example: `tvsysid identify ankle.mat --angle angle --torque torque --rate 1000 --decimate 100
+    --period 2`
 
     Parameters
     ----------

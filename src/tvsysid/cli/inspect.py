@@ -49,10 +49,10 @@ def inspect(
 
     Example: `tvsysid inspect ankle.mat --plot ankle.pdf`
 
-    Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --period 2`
+    Example: `tvsysid inspect ankle.mat --angle angle --torque torque --rate 1000 --period 2 --save`
 
-    Example: `tvsysid inspect ankle.mat --diagnose --angle pos --torque tq --rate 1000 --period 2
-    --channel command=CMD --reference command`
+    Example: `tvsysid inspect ankle.mat --diagnose --angle angle --torque torque --rate 1000
+    --period 2 --channel command=CMD --reference command`
 
     Parameters
     ----------

@@ -54,8 +54,8 @@ def plan(
     Example: `tvsysid plan --precision 5 --perturbation noise --perturbation prbs --amplitude 0.01
     --noise 0.3`
 
-    Example: `tvsysid plan --precision 3 --resolution 0.05 --pilot pilot.mat --angle pos --torque
-    tq --rate 1000 --decimate 100 --period 2`
+    Example: `tvsysid plan --precision 3 --resolution 0.05 --pilot pilot.mat --angle angle
+    --torque torque --rate 1000 --decimate 100 --period 2`
 
     Parameters
     ----------

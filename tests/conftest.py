@@ -13,6 +13,7 @@ import pytest
 import scipy.linalg  # noqa: F401
 from hypothesis import given, settings
 from hypothesis.strategies import none
+from tests.drawing import sketches
 from threadpoolctl import threadpool_limits
 
 import tvsysid as tv
@@ -100,20 +101,11 @@ def undrawn(monkeypatch):
         monkeypatch.setattr(f"tvsysid.{writer}", lambda *given, **_: None)
 
 
-@pytest.fixture(scope="session")
-def empty_figures():
-    from matplotlib.figure import Figure
-
-    from tvsysid.figures.saving import drawn
-
-    return {ending: drawn(Figure((3, 2)), ending) for ending in ("svg", "pdf", "png")}
-
-
 @pytest.fixture
-def sketched(monkeypatch, empty_figures):
+def sketched():
     """Write empty figures: other tests look at what is in them."""
-    drawn = "tvsysid.figures.saving.drawn"
-    monkeypatch.setattr(drawn, lambda figure, ending: empty_figures[ending])
+    with sketches():
+        yield
 
 
 @pytest.fixture

@@ -1,13 +1,16 @@
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 import attrs
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of
+from tests.drawing import sketches
 from tests.experimental import claims as experimental_claims
-from tests.experimental import experiment_of, prepared_of
 from tests.experimental import fail as fail_recording
+from tests.experimental import prepared_of
+from tests.experimental import results_of as experimental_results
 from tests.experimental import summary_of as experimental_summary
 from tests.faults import cut, late, simulated
 from tests.synthetic import SQUARE, claims, fail, results_of, summary_of
@@ -60,37 +63,28 @@ def page(study, tmp_path_factory):
 @pytest.fixture(scope="session")
 def experiment():
     """Make an experiment with a failed recording, a failed method, warnings, and remarks."""
-    made = experiment_of(methods=("eirf", "birf", "kbr", HOSTILE))
+    results = experimental_results(methods=("eirf", "birf", "kbr", HOSTILE))
+    fail_recording(results, "InputError: every file of <P3> is unreadable", recording="P3-prbs")
     fail_recording(
-        made.results, "InputError: every file of <P3> is unreadable", recording="P3-prbs"
-    )
-    fail_recording(
-        made.results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40"
+        results, "KernelRegression: no convergence", recording="P1-noise", analysis="kbr-40"
     )
     texts = np.array(["few realizations", "", "", "", "noisy", ""], dtype=object)
-    made.results["warnings"].loc[{"analysis": "birf-75"}] = np.repeat(texts[:, None], 6, axis=1)
-    made.results["remarks"].loc[{"recording": "P2-noise"}] = (
+    results["warnings"].loc[{"analysis": "birf-75"}] = np.repeat(texts[:, None], 6, axis=1)
+    results["remarks"].loc[{"recording": "P2-noise"}] = (
         "trial_3.mat left out: <no torque>\nangle is clipped"
     )
-    made.summary = experimental_summary(made.results)
-    return made
+    return SimpleNamespace(results=results, summary=experimental_summary(results))
 
 
 @pytest.fixture(scope="session")
 def experiment_page(experiment, tmp_path_factory):
     """Path of an experiment's report."""
     path = tmp_path_factory.mktemp("report") / "report.html"
-    figures = pictures(
-        experiment_figures(experiment.results, experiment.summary, prepared_of(experiment.results))
-    )
-    write_experiment_report(
-        path,
-        experiment.results,
-        experiment.summary,
-        experimental_claims(),
-        figures,
-        "tvsysid experiment --virtual 3 && echo",
-    )
+    results, summary = experiment.results, experiment.summary
+    with sketches():
+        figures = pictures(experiment_figures(results, summary, prepared_of(results)))
+    command = "tvsysid experiment --virtual 3 && echo"
+    write_experiment_report(path, results, summary, experimental_claims(), figures, command)
     return path
 
 
@@ -111,7 +105,8 @@ def identification_page(identified, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     command = "tvsysid identify ankle.mat && echo"
     source = {"file": "<ankle>.mat", "angle": "channel pos, in rad", "torque": "channel tq"}
-    tv.report.write_identification(path, identified, command, source=source)
+    with sketches():
+        tv.report.write_identification(path, identified, command, source=source)
     return path
 
 
@@ -124,7 +119,8 @@ def diagnoses():
 @pytest.fixture(scope="session")
 def diagnosis_page(diagnoses, tmp_path_factory):
     path = tmp_path_factory.mktemp("diagnosis") / "diagnosis.html"
-    tv.report.write_diagnosis(path, diagnoses, "tvsysid inspect ankle.mat --diagnose && echo")
+    with sketches():
+        tv.report.write_diagnosis(path, diagnoses, "tvsysid inspect ankle.mat --diagnose && echo")
     return path
 
 

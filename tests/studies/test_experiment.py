@@ -21,7 +21,7 @@ SPREAD = {"eirf": 20.0, "sds": 10.0, "birf": 5.0, "esm": 9.0, "kbr": 12.0}
 PRBS_GIVES_MORE = "PRBS gives 20 to 30 % more VAF than noise for all but kbr"
 
 
-def results_like_the_papers(people=6, draws=40):
+def results_like_the_papers(people=4, draws=40):
     """Return results that fulfil every claim; each participant differs a little."""
     random = np.random.default_rng(0)
     results = results_of([f"P{number}" for number in range(people)], bootstraps=draws)
@@ -93,30 +93,44 @@ def spread_of(method, times):
     )
 
 
+# Claims of different quantities are judged together.
 @pytest.mark.parametrize(
-    ("claim", "change"),
+    "changes",
     [
-        ("Some 255 to 260 of 300", lambda r: r.assign(survivors=r.survivors - 60)),
-        ("Each step excludes as many", lambda r: r.assign(excluded_task=r.excluded_task + 30)),
-        ("PRBS gives 20 to 30 %", of_prbs("vaf", lambda vaf: vaf - 15)),
-        ("PRBS gives more VAF than noise", of_prbs("vaf", lambda vaf: 40 + 0 * vaf)),
-        ("VAFs lie near the paper", lambda r: r.assign(vaf=r.vaf - 20)),
-        ("kbr has more VAF with noise", of_prbs("vaf", lambda vaf: vaf + 30)),
-        ("Between 1 and 10 Hz, PRBS gives less", of_prbs("bandpassed_vaf", lambda vaf: vaf + 20)),
-        ("Between 1 and 10 Hz, PRBS gives about", of_prbs("bandpassed_vaf", lambda vaf: vaf + 9)),
-        ("The random error falls", of_more("estimate", lambda k: 100 + 3 * (k - 100))),
-        ("The mean stiffness stays", of_more("estimate", lambda k: 1.2 * k)),
-        ("The random error is largest for eirf", spread_of("sds", 4)),
-        ("The random error is smallest for birf", spread_of("birf", 8)),
-        ("The random error of kbr", of_prbs("estimate", lambda k: 100 + (k - 100) / 2)),
-        ("More data do not raise the VAF", of_more("vaf", lambda vaf: vaf + 5)),
-        ("Stiffness rises with torque", lambda r: r.assign(mean_torque=-r.mean_torque)),
-        ("The time-varying VAF", lambda r: r.assign(time_varying_vaf=100 - r.time_varying_vaf)),
+        {
+            "Some 255 to 260 of 300": lambda r: r.assign(survivors=r.survivors - 60),
+            "Each step excludes as many": lambda r: r.assign(excluded_task=r.excluded_task + 30),
+            "PRBS gives 20 to 30 %": of_prbs("vaf", lambda vaf: vaf - 15),
+            "Between 1 and 10 Hz, PRBS gives less": of_prbs("bandpassed_vaf", lambda x: x + 20),
+            "The random error falls": of_more("estimate", lambda k: 100 + 3 * (k - 100)),
+            "Stiffness rises with torque": lambda r: r.assign(mean_torque=-r.mean_torque),
+            "The time-varying VAF": lambda r: r.assign(time_varying_vaf=100 - r.time_varying_vaf),
+        },
+        {
+            "PRBS gives more VAF than noise": of_prbs("vaf", lambda vaf: 40 + 0 * vaf),
+            "Between 1 and 10 Hz, PRBS gives about": of_prbs("bandpassed_vaf", lambda x: x + 9),
+            "The mean stiffness stays": of_more("estimate", lambda k: 1.2 * k),
+        },
+        {
+            "VAFs lie near the paper": lambda r: r.assign(vaf=r.vaf - 20),
+            "The random error is largest for eirf": spread_of("sds", 4),
+        },
+        {
+            "kbr has more VAF with noise": of_prbs("vaf", lambda vaf: vaf + 30),
+            "The random error is smallest for birf": spread_of("birf", 8),
+        },
+        {
+            "More data do not raise the VAF": of_more("vaf", lambda vaf: vaf + 5),
+            "The random error of kbr": of_prbs("estimate", lambda k: 100 + (k - 100) / 2),
+        },
     ],
 )
-def test_a_claim_that_is_not_so_does_not_hold(results, claim, change):
-    table = verdicts(change(results))
-    assert table[table.index.str.startswith(claim)].tolist() == ["does not hold"]
+def test_claims_that_are_not_so_do_not_hold(results, changes):
+    for change in changes.values():
+        results = change(results)
+    table = verdicts(results)
+    for claim in changes:
+        assert table[table.index.str.startswith(claim)].tolist() == ["does not hold"], claim
 
 
 def test_what_was_not_recorded_is_not_studied(results):
@@ -127,7 +141,7 @@ def test_what_was_not_recorded_is_not_studied(results):
     assert table["The random error is largest for eirf"] == "holds"
     four = verdicts(noise.isel(analysis=(noise.method_key != "kbr").values))
     assert four["The random error is largest for eirf"] == "not studied"
-    walking = noise.assign_coords(perturbation=("recording", ["walking"] * 6))
+    walking = noise.assign_coords(perturbation=("recording", ["walking"] * 4))
     assert len(verdicts(walking)) == 0
 
 

@@ -201,8 +201,6 @@ def test_settings_are_saved_beside_the_file(file):
 
 def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, recording, tmp_path):
     for given, message in (
-        ({"angle": "position"}, "no channel 'position'; the file holds pos, tq, cmd"),
-        ({"channels": {"command": "CMD"}}, "no channel 'CMD'; the file holds pos, tq, cmd"),
         ({"angle_unit": "grad"}, "angle_unit must be"),
         ({"period": "2 s"}, "period must be"),
         ({"port": 70000}, "port 70000: bind..: port must be 0-65535.; give another"),

@@ -135,9 +135,6 @@ def explore(
             for name, each in describe_file(source).items()
             if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
         }
-        chosen = filter(None, (reading.angle, reading.torque, *reading.channels.values()))
-        if unknown := [name for name in chosen if name not in channels]:
-            raise InputError(f"no channel {unknown[0]!r}; the file holds {', '.join(channels)}")
     elif own:
         raise InputError(f"explore: a recording has been read already; leave out {min(own)}")
     start = Settings(source, reading, cutting, align_channels, method)

@@ -58,12 +58,18 @@ class Settings:
         for options in (self.reading, self.cutting):
             for name, usual in attrs.asdict(type(options)()).items():
                 value = getattr(options, name)
-                if value != usual:
-                    pairs = isinstance(value, Mapping) and [f"{own}={value[own]}" for own in value]
-                    option = "--" + OPTION_NAMES.get(name, name).replace("_", "-")
-                    words += [each for text in pairs or [_text(value)] for each in (option, text)]
-        words += [] if self.align_channels else ["--no-align-channels"]
-        words += [each for method in self.methods for each in ("--method", method)]
+                if value == usual:
+                    continue
+                texts = [str(value).removesuffix(".0")]
+                if isinstance(value, Mapping):
+                    texts = [f"{own}={value[own]}" for own in value]
+                option = "--" + OPTION_NAMES.get(name, name).replace("_", "-")
+                for text in texts:
+                    words += [option, text]
+        if not self.align_channels:
+            words += ["--no-align-channels"]
+        for method in self.methods:
+            words += ["--method", method]
         return shlex.join(words)
 
     def python(self, centered: tuple[str, ...]) -> str:
@@ -79,11 +85,6 @@ class Settings:
             align_channels=self.align_channels,
             methods=self.methods,
         )
-
-
-def _text(value: object) -> str:
-    """Return a value as typed, whole numbers without a point."""
-    return f"{value:.15g}" if isinstance(value, float) else str(value)
 
 
 def settings_from(form: Mapping[str, str], start: Settings) -> Settings:

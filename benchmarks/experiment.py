@@ -77,7 +77,7 @@ def moments_table(ensemble: tv.Ensemble | None) -> Table:
     assert ensemble is not None
     drawn = ensemble.select(np.random.default_rng(0).integers(0, len(ensemble), 75))
     angle, torque = drawn.angle, drawn.torque
-    methods = tv.study.Experiment().named_methods
+    methods = {each.name: each.method for each in tv.study.Experiment().analyses}
     moments: dict[str, Callable[[], object]] = {
         "eirf": lambda: lagged_moments(angle, torque, 15),
         "sds": lambda: lagged_moments(angle, torque, 15),

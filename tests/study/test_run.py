@@ -95,8 +95,8 @@ def test_an_executor_that_was_shut_down_gives_up_plainly():
 
 
 def test_a_plan_tells_number_and_time():
-    identifications, seconds = plan(Study(**SHORT | {"duration_s": [40, 80]}))
-    assert identifications == 6
+    methods, identifications, seconds = plan(Study(**SHORT | {"duration_s": [40, 80]}))
+    assert (methods, identifications) == (["sds"], 6)
     assert 0 < seconds < 60
 
 

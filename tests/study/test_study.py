@@ -14,7 +14,7 @@ def labels_of(study):
 def test_the_default_is_the_quick_study():
     assert Study() == preset("quick")
     assert labels_of(Study()) == ["square-noise-150s-10dB", "square-prbs-150s-10dB"]
-    assert list(Study().named_methods) == ["eirf", "sds", "birf", "esm", "kbr", "adaptive"]
+    assert list(Study().parts["methods"]) == ["eirf", "sds", "birf", "esm", "kbr", "adaptive"]
 
 
 def test_the_paper_s_study():
@@ -29,7 +29,7 @@ def test_the_paper_s_study():
 
 def test_covarying_viscosity_lies_between_1_and_3():
     study = Study(viscosity="covarying")
-    joint, _ = study.simulated(study.scenarios[0])
+    joint = study.system_of(study.scenarios[0])
     truth = joint.simulate(4.0, perturbation=tv.simulate.PRBS(), snr_db=10, seed=0).truth
     for stiffness, viscosity in ((50, 1.0), (150, 3.0)):
         assert set(truth["viscosity"][truth["stiffness"] == stiffness]) == {viscosity}
@@ -55,7 +55,7 @@ def test_a_study_from_toml(tmp_path):
         "square-prbs-80s-infdB",
         "sine-prbs-40s-0dB", "sine-prbs-80s-0dB",
     ]  # fmt: skip
-    assert list(study.named_methods) == ["sds:window=0.2", "kbr"]
+    assert list(study.parts["methods"]) == ["sds:window=0.2", "kbr"]
     assert Study.from_toml(path, trials=2).trials == 2
     assert json.loads(study.to_json())["also"] == [{"stiffness": ["sine"], "snr_db": 0}]
 

@@ -85,7 +85,7 @@ def test_further_scenarios_may_have_methods_of_their_own(tmp_path):
     settings = SHORT | {"system": "reflex", "methods": ["birf", "sds"]}
     study = Study(**settings, also=also)
     asked = [["birf", "sds"], ["eirf", "sds"], ["birf", "sds"]]
-    assert list(study.named_methods) == ["birf", "sds", "eirf"]
+    assert list(study.parts["methods"]) == ["birf", "sds", "eirf"]
     assert list(map(sorted, study.methods_of.values())) == asked
     run(study, tmp_path, workers=1)
     found = read_results(tmp_path)

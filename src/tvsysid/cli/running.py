@@ -51,11 +51,11 @@ def show_plan(
     from tvsysid.study import cores, plan
 
     with errors.status("timing a draw of each case"):
-        identifications, seconds = plan(study, prepared)
+        methods, identifications, seconds = plan(study, prepared)
     seconds /= workers.workers or cores()
     time = f"about {seconds / 60:,.0f} min" if seconds > 90 else f"about {seconds:.0f} s"
     say(
-        f"methods: {', '.join(study.named_methods)}\n{draws}: {identifications:,} identifications\n"
+        f"methods: {', '.join(methods)}\n{draws}: {identifications:,} identifications\n"
         f"{time}, beside the start and the figures; nothing was run"
     )
     return 0

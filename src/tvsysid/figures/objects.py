@@ -19,11 +19,10 @@ from tvsysid.figures.simulations import method_comparison
 from tvsysid.methods import Evidence
 from tvsysid.models import Model
 from tvsysid.planning import Plan
-from tvsysid.preprocess import Preparation
+from tvsysid.preprocess import Preparation, excerpt
 from tvsysid.quality import Diagnosis
 from tvsysid.signals import Ensemble, Recording
 from tvsysid.study import summarize
-from tvsysid.study.prepared import excerpt
 
 
 def plot(shown: Any, title: str = "") -> Figure:

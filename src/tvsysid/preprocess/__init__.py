@@ -14,7 +14,7 @@ from tvsysid.preprocess.prepare import (
     exclude_task_outliers,
     prepare,
 )
-from tvsysid.preprocess.trials import Gap, align_channels, decimate, segment, trim
+from tvsysid.preprocess.trials import Gap, align_channels, decimate, excerpt, segment, trim
 
 __all__ = [
     "Gap",
@@ -24,6 +24,7 @@ __all__ = [
     "align_channels",
     "bootstrap_weights",
     "decimate",
+    "excerpt",
     "exclude_residual_outliers",
     "exclude_task_outliers",
     "find_gaps",

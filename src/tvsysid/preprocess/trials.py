@@ -219,6 +219,15 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     )
 
 
+def excerpt(recording: Recording, duration: float = 10.0) -> Recording:
+    """Return some seconds from the middle of the first trial, or all of it if it is shorter."""
+    trial = recording.trials[0]
+    samples = min(round(duration * recording.sampling_rate), trial.stop)
+    first = (trial.stop - samples) // 2
+    part = recording.mapped(lambda values: values[first : first + samples])
+    return attrs.evolve(recording, **part, start=recording.time[first], trial_starts=(0,))
+
+
 def segment(
     recording: Recording, period: float | None, context: float = 0.5, gaps: Iterable[Gap] = ()
 ) -> Ensemble:

@@ -10,10 +10,10 @@ from types import MappingProxyType
 from tvsysid.errors import InputError
 from tvsysid.figures import Illustration, Picture, diagnosis_panels, draw_all, recorded_signals
 from tvsysid.figures.diagnosis import LOWEST
+from tvsysid.preprocess import excerpt
 from tvsysid.quality import Diagnosis
 from tvsysid.report.page import render
 from tvsysid.signals import Ensemble, Recording
-from tvsysid.study.prepared import excerpt
 
 
 def write_diagnosis(

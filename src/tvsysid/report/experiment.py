@@ -25,6 +25,7 @@ from tvsysid.figures.results import headings, is_known, of_least_data, unique
 from tvsysid.figures.saving import illustrated
 from tvsysid.figures.words import perturbation_name
 from tvsysid.numerics.bands import mean_of
+from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis
 from tvsysid.report.diagnosis import diagnosis_picture
 from tvsysid.report.page import in_text, render
@@ -131,6 +132,7 @@ def stiffness_to_report(
     return in_processes(partial(_answer_for, methods=methods), prepared, workers)
 
 
+@single_thread()
 def _answer_for(item: Prepared, methods: Sequence[str]) -> ReportedAnswer:
     label = item.recorded.label
     if not item.ensemble:

@@ -22,8 +22,13 @@ from tvsysid.study.tasks import Task
 if TYPE_CHECKING:
     import xarray as xr
 
-STEPS = {"alignment": "alignment", "task": "task component", "residual": "residual"}
-"""Steps that exclude realizations, by the ending of the variable that counts them."""
+COUNTED = {
+    "survivors": "",
+    "excluded_alignment": "alignment",
+    "excluded_task": "task component",
+    "excluded_residual": "residual",
+}
+"""Steps that exclude realizations, or none, by the variable that counts them."""
 
 RECORDED_OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
 
@@ -91,12 +96,7 @@ def results_of(
 def _preparation_of(prepared: Prepared) -> Scores:
     """Return what became of a recording, by the names of variables."""
     preparation = prepared.preparation
-    excluded_by = [] if preparation is None else preparation.table.excluded_by.tolist()
-    counts = {
-        "recorded": len(excluded_by),
-        "survivors": excluded_by.count(""),
-        **{f"excluded_{name}": excluded_by.count(step) for name, step in STEPS.items()},
-        "remarks": "\n".join(prepared.remarks),
-        "digest": prepared.digest,
-    }
-    return {name: np.array(value) for name, value in counts.items()}
+    excluded_by = preparation.table.excluded_by.tolist() if preparation else []
+    counts = {name: excluded_by.count(step) for name, step in COUNTED.items()}
+    facts = {**counts, "recorded": len(excluded_by), "remarks": "\n".join(prepared.remarks)}
+    return {name: np.array(value) for name, value in facts.items()}

@@ -16,7 +16,7 @@ from tvsysid.methods import Method, label_of
 from tvsysid.preprocess import prepare
 from tvsysid.recordings import Reading
 from tvsysid.study.settings import (
-    Settings,
+    StudySettings,
     check_keys,
     from_table,
     spawn_key,
@@ -65,9 +65,9 @@ def _to_preparation(table: Any, experiment: Any) -> dict[str, Any]:
 def _rate(recorded: Any, period: float) -> float:
     """Return the highest rate to decimate to that divides the recorded one and fits the period."""
     most: float = PREPARATION["rate"]
-    rates = (recorded / factor for factor in range(max(1, math.ceil(recorded / most)), 1000))
+    rates = (recorded / factor for factor in range(1, 1000))
     fitting = (rate for rate in rates if math.isclose(rate * period, round(rate * period)))
-    return next(fitting, most)
+    return next((rate for rate in fitting if rate <= most), most)
 
 
 def _to_reading(value: Any) -> Reading | None:
@@ -92,12 +92,11 @@ def _to_files(values: Any) -> dict[str, dict[str, tuple[str, ...]]]:
 
 
 class Recorded(NamedTuple):
-    """One participant under one perturbation. A virtual participant has a ``number``."""
+    """One participant under one perturbation: files, or the number of a virtual participant."""
 
     participant: str
     perturbation: str
-    files: tuple[str, ...] = ()
-    number: int = 0
+    source: tuple[str, ...] | int
 
     @property
     def label(self) -> str:
@@ -120,7 +119,7 @@ class Analysis:
 
 
 @attrs.frozen(slots=False, kw_only=True)
-class Experiment(Settings):
+class Experiment(StudySettings):
     """Participants x perturbations x methods x numbers of realizations, each bootstrapped.
 
     Parameters
@@ -203,21 +202,17 @@ class Experiment(Settings):
     @cached_property
     def recordings(self) -> tuple[Recorded, ...]:
         """Recordings that are studied, participant by participant."""
-        virtual = self.virtual or ()
-        if self.virtual is None and not self.participants:
-            virtual = VIRTUAL
-        every = [
-            Recorded(name, perturbation, files)
-            for name, recorded in self.participants.items()
-            for perturbation, files in recorded.items()
-        ]
-        every += [
-            Recorded(f"P{number}", perturbation, number=number)
-            for number in virtual
-            for perturbation in PERTURBATIONS
-        ]
-        chosen = self.perturbation
-        return tuple(each for each in every if chosen is None or each.perturbation in chosen)
+        virtual = () if self.participants else VIRTUAL
+        sources: dict[str, dict[str, Any]] = self.participants | {
+            f"P{number}": dict.fromkeys(PERTURBATIONS, number)
+            for number in (virtual if self.virtual is None else self.virtual)
+        }
+        return tuple(
+            Recorded(participant, perturbation, source)
+            for participant, recorded in sources.items()
+            for perturbation, source in recorded.items()
+            if self.perturbation is None or perturbation in self.perturbation
+        )
 
     @cached_property
     def analyses(self) -> tuple[Analysis, ...]:
@@ -233,11 +228,6 @@ class Experiment(Settings):
                 analysis = Analysis(label, method, count)
                 analyses[analysis.label] = analysis
         return tuple(analyses.values())
-
-    @property
-    def named_methods(self) -> dict[str, Method]:
-        """Method objects by the name that they have in results."""
-        return {each.name: each.method for each in self.analyses}
 
     def seed_of(self, recorded: Recorded, realizations: int) -> int:
         """Return the seed of the draws from one recording; it depends on no other recording."""

@@ -43,14 +43,26 @@ class Truth:
     quantities: Mapping[str, Array] = attrs.field(factory=dict)
     pathways: Mapping[str, Array] = attrs.field(factory=dict)
 
+    @property
+    def scores(self) -> Scores:
+        """Quantities by the names of scores."""
+        return {f"truth quantity {name}": each for name, each in self.quantities.items()}
 
-def mean_quantities(simulation: Simulation, ensemble: Ensemble) -> dict[str, Array]:
-    """Return the means over realizations of a simulated joint's quantities, each (time,)."""
+
+def separate_truth(simulation: Simulation, ensemble: Ensemble) -> tuple[Ensemble, Truth]:
+    """Return an ensemble without the channels that hold a simulation's pathways, and its truth.
+
+    Quantities are means over realizations.
+    """
+    torques = {name: ensemble.channels[name][:, ensemble.core] for name in simulation.pathways}
+    own = {name: each for name, each in ensemble.channels.items() if name not in torques}
     # The first is subtracted, so that the mean of equal values is exact.
-    return {
+    quantities = {
         name: each[0] + (each - each[0]).mean(axis=0)
         for name, each in simulation.truth_of(ensemble).items()
     }
+    truth = Truth(np.asarray(sum(torques.values())), quantities, torques)
+    return attrs.evolve(ensemble, channels=own), truth
 
 
 def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
@@ -58,20 +70,20 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
 
     If the method fails, ``failure`` says why, and there are no numbers.
     """
-    texts = {"warnings": "", "failure": ""}
-    scores = {f"truth quantity {name}": each for name, each in truth.quantities.items()}
+    warned = failure = ""
+    scores = truth.scores
     with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
         try:
             if reason := reason_to_skip(method, ensemble):
-                texts["warnings"] = SKIPPED + reason
+                warned = SKIPPED + reason
             else:
                 model = method.identify(ensemble)
                 scores |= _scores_of(model, ensemble, truth)
-                warned = (one_line(f"{method.key}: {each}") for each in model.diagnostics.warnings)
-                texts["warnings"] = "; ".join(warned)
+                texts = (f"{method.key}: {each}" for each in model.diagnostics.warnings)
+                warned = "; ".join(map(one_line, texts))
         except (Exception, SystemExit) as error:  # another author's method may raise anything
-            texts["failure"] = describe_error(error)
-    return scores | {name: np.array(text) for name, text in texts.items()}
+            failure = describe_error(error)
+    return scores | {"warnings": np.array(warned), "failure": np.array(failure)}
 
 
 def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
@@ -98,11 +110,10 @@ def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
             held = (lower <= true) & (true <= upper)
             has_band = np.isfinite(lower + upper + true)
             scores[f"covered quantity {name}"] = np.where(has_band, held, np.nan)
-    has_several = min(len(torques), len(truth.pathways)) > 1
-    for name, torque in torques.items():
-        if has_several and name in truth.pathways:
-            shares = metrics.vaf(truth.pathways[name], torque)
-            scores[f"pathway_vaf pathway {name}"] = mean_known(shares)
+    several = [name for name in torques if name in truth.pathways]
+    for name in several if len(several) > 1 else ():
+        shares = metrics.vaf(truth.pathways[name], torques[name])
+        scores[f"pathway_vaf pathway {name}"] = mean_known(shares)
     return scores
 
 

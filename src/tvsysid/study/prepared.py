@@ -7,26 +7,21 @@ import hashlib
 import os
 import pickle
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 import attrs
-import numpy as np
 
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import centered_channels
 from tvsysid.numerics.threads import single_thread
-from tvsysid.preprocess import Preparation, prepare
+from tvsysid.preprocess import Preparation, excerpt, prepare
 from tvsysid.progress import Progress, no_progress
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
-from tvsysid.simulate import PERTURBATIONS, Participant
+from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
 from tvsysid.study.experiment import Experiment, Recorded
-from tvsysid.study.measure import mean_quantities
-
-TORQUE = "torque as it was recorded"  # channel that keeps its mean
-EXCERPT_S = 10.0  # duration of the part of a recording that is drawn
+from tvsysid.study.measure import separate_truth
 
 
 @attrs.frozen(eq=False, kw_only=True)
@@ -41,7 +36,8 @@ class Prepared:
         Trials that are left out, warnings, and why nothing could be prepared, in words. The failure
         is the last of the remarks; empty if there is none.
     preparation, excerpt
-        What was done to the recording, and ten seconds of it; None if nothing could be prepared.
+        What was done to the recording, and ten seconds of it, whose channel ``target`` is drawn;
+        None if nothing could be prepared.
     ensemble
         Kept realizations, mean subtracted; None if there are none.
     over_time
@@ -85,33 +81,22 @@ def prepared_recordings(
 
 
 def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
-    failure, found = "", {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
         try:
-            if recorded.files:
-                found = _from_recording(experiment, _read(experiment, recorded), {})
-            else:
-                found = _from_simulation(experiment, recorded)
+            if isinstance(source := recorded.source, int):
+                perturbation = PERTURBATIONS[recorded.perturbation]
+                simulation = Participant(source).simulate(perturbation=perturbation)
+            else:  # nothing is known of a person
+                simulation = Simulation(_read(experiment, source), truth={}, pathways={})
+            prepared = _of_simulation(experiment, recorded, simulation)
         except InputError as error:
-            failure = str(error)
-    texts = dict.fromkeys(str(each.message) for each in caught)
-    remarks = (*texts, *([failure] if failure else []))
-    return Prepared(recorded=recorded, remarks=remarks, failure=failure, **found)
+            prepared = Prepared(recorded=recorded, failure=str(error))
+    texts = *(str(each.message) for each in caught), prepared.failure
+    return attrs.evolve(prepared, remarks=tuple(dict.fromkeys(filter(None, texts))))
 
 
-def _from_simulation(experiment: Experiment, recorded: Recorded) -> dict[str, Any]:
-    """Return the kept realizations of a virtual participant, and what is known of them."""
-    simulation = Participant(recorded.number).simulate(
-        perturbation=PERTURBATIONS[recorded.perturbation]
-    )
-    found = _from_recording(experiment, simulation.recording, simulation.pathways)
-    for name, values in mean_quantities(simulation, found["ensemble"]).items():
-        found["over_time"][f"truth quantity {name}"] = values
-    return found
-
-
-def _read(experiment: Experiment, recorded: Recorded) -> Recording:
+def _read(experiment: Experiment, patterns: Iterable[str]) -> Recording:
     """Return all usable trials. Warn of trials that cannot be used.
 
     Raise an InputError if there is none.
@@ -120,7 +105,7 @@ def _read(experiment: Experiment, recorded: Recorded) -> Recording:
     assert reading is not None
     files = {
         str(Path(name)): Path(experiment.folder, name)
-        for pattern in map(os.path.expanduser, recorded.files)
+        for pattern in map(os.path.expanduser, patterns)
         for name in sorted(glob.glob(pattern, root_dir=experiment.folder)) or [pattern]
     }
     channels = dict(reading.channels)
@@ -135,48 +120,27 @@ def _read(experiment: Experiment, recorded: Recorded) -> Recording:
     return trials.recording
 
 
-def _from_recording(
-    experiment: Experiment,
-    recording: Recording,
-    pathways: Mapping[str, Array],
-) -> dict[str, Any]:
-    """Return the kept realizations of a recording, and what is known of them.
-
-    The torques of pathways are prepared with the recording, and kept apart from it.
-    """
-    settings, methods = experiment.preparation, experiment.named_methods.values()
-    own, reference = recording.channels, settings["reference"]
-    centered = sorted(set(centered_channels(methods)) & set(own))
-    further = {**pathways, TORQUE: recording.torque}
-    every = attrs.evolve(recording, channels={**own, **further})
-    preparation = prepare(every, **settings, channels=[*centered, *pathways])
-    ensemble = preparation.ensemble
-    signals = {name: ensemble.signal(name)[:, ensemble.core] for name in ensemble.channels}
-    over_time = {"mean_torque": signals[TORQUE].mean(axis=0)}
-    if reference in signals:
-        over_time["target_torque"] = signals[reference].mean(axis=0)
-    return {
-        "preparation": preparation,
-        "over_time": over_time,
-        "excerpt": excerpt(recording, str(reference)),
-        "ensemble": attrs.evolve(
-            ensemble, channels={name: ensemble.channels[name] for name in own}
-        ),
-        "pathways": {name: np.asarray(signals[name]) for name in pathways},
+def _of_simulation(experiment: Experiment, recorded: Recorded, simulation: Simulation) -> Prepared:
+    """Return the kept realizations, and apart from them what is known of the joint."""
+    recording, pathways = simulation.recording, simulation.pathways
+    settings, own = experiment.preparation, recording.channels
+    centered = centered_channels([each.method for each in experiment.analyses])
+    every = attrs.evolve(recording, channels={**own, **pathways})
+    channels = [*sorted(own.keys() & set(centered)), *pathways]
+    preparation = prepare(every, **settings, channels=channels)
+    *_, kept = preparation.recorded, *(step.ensemble for step in preparation.steps.values())
+    means = {"mean_torque": "torque", "target_torque": settings["reference"]}
+    over_time = {
+        variable: kept.signal(name)[:, kept.core].mean(axis=0)
+        for variable, name in means.items()
+        if name
     }
-
-
-def excerpt(recording: Recording, reference: str = "target") -> Recording:
-    """Return ten seconds from the middle of the first trial, with the target torque if any."""
-    trial, own = recording.trials[0], recording.channels
-    length = min(round(EXCERPT_S * recording.sampling_rate), trial.stop)
-    first = (trial.stop - length) // 2
-    part = slice(first, first + length)
-    channels = {"target": own[reference][part]} if reference in own else {}
-    return Recording(
-        recording.angle[part],
-        recording.torque[part],
-        recording.sampling_rate,
-        recording.time[first],
-        channels=channels,
+    ensemble, truth = separate_truth(simulation, preparation.ensemble)
+    return Prepared(
+        recorded=recorded,
+        preparation=preparation,
+        excerpt=excerpt(recording),
+        ensemble=ensemble,
+        over_time=over_time | truth.scores,
+        pathways=truth.pathways,
     )

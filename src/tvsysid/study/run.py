@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -95,10 +95,19 @@ def run(
     >>> run(experiment, workers=1).estimate.sel(quantity="stiffness").shape
     (1, 1, 5, 256)
     """
+    from filelock import FileLock, Timeout  # noqa: PLC0415  # for studies only
+
     tasks, results_of = _work(study, prepared)
     with ExitStack() as stack:
         root = Path(stack.enter_context(TemporaryDirectory()) if folder is None else folder)
-        stack.enter_context(_exclusive(root))
+        root.mkdir(parents=True, exist_ok=True)
+        try:
+            stack.enter_context(FileLock(root / ".lock", timeout=0))
+        except Timeout as error:
+            raise InputError(
+                f"{root}: another process is running a study in this folder; wait for it, or give "
+                "another folder"
+            ) from error
         files = {root / "tasks" / task.file_name: task for task in tasks}
         scores = {file: found for file in files if (found := read_scores(file))}
         progress(len(scores), len(files))
@@ -125,32 +134,19 @@ def _work(
     return bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
 
 
-@contextmanager
-def _exclusive(folder: Path) -> Iterator[None]:
-    """Keep other processes from running a study in a folder."""
-    from filelock import FileLock, Timeout  # noqa: PLC0415  # for studies only
-
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(folder / ".lock", timeout=0):
-            yield
-    except Timeout as error:
-        raise InputError(
-            f"{folder}: another process is running a study in this folder; wait for it, or give "
-            "another folder"
-        ) from error
-
-
-def plan(study: Study | Experiment, prepared: Sequence[Prepared] = ()) -> tuple[int, float]:
-    """Return the number of identifications, draws times methods, and the seconds they take.
+def plan(
+    study: Study | Experiment, prepared: Sequence[Prepared] = ()
+) -> tuple[list[str], int, float]:
+    """Return the methods, the number of draws times methods, and the seconds that these take.
 
     The seconds are those of one process, from one draw of each case and its methods.
     """
     tasks, _ = _work(study, prepared)
-    kinds = {(task.case, *task.methods): attrs.evolve(task, draws=task.draws[:1]) for task in tasks}
-    run_task(kinds[tasks[-1].case, *tasks[-1].methods])  # loads lazy modules before the timing
-    seconds = {kind: timeit(partial(run_task, task), number=1) for kind, task in kinds.items()}
+    first = {(task.case, *task.methods): attrs.evolve(task, draws=task.draws[:1]) for task in tasks}
+    run_task(next(iter(first.values())))  # loads lazy modules before the timing
+    seconds = {kind: timeit(partial(run_task, task), number=1) for kind, task in first.items()}
     return (
+        [*dict.fromkeys(label for task in tasks for label in task.methods)],
         sum(len(task.draws) * len(task.methods) for task in tasks),
         sum(len(task.draws) * seconds[task.case, *task.methods] for task in tasks),
     )

@@ -12,18 +12,16 @@ import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.methods import STUDIED_METHODS, Method, label_of, resolve
-from tvsysid.methods.registry import load
+from tvsysid.methods import STUDIED_METHODS, label_of, resolve
 from tvsysid.simulate import (
     PERTURBATIONS,
     PROFILES,
     SYSTEMS,
     CovaryingViscosity,
-    Perturbation,
     System,
 )
 from tvsysid.simulate.conditions import is_snr
-from tvsysid.study.settings import Settings, check_keys, spawn_key, to_method, to_tuple
+from tvsysid.study.settings import StudySettings, check_keys, spawn_key, to_method, to_tuple
 from tvsysid.validators import (
     at_least,
     boolean,
@@ -68,28 +66,23 @@ class Scenario(NamedTuple):
         return re.sub(r"[^\w.+=,() -]+", "_", "-".join(words))
 
 
-def _to_numbers(values: Any) -> Any:
+def _to_values(values: Any) -> tuple[Any, ...]:
     return tuple(map(to_float, to_tuple(values)))
 
 
-def _to_tables(values: Any) -> tuple[Mapping[str, Any], ...]:
-    """Return tables of further scenarios from tables, or from names of tables."""
-    tables = []
-    for value in to_tuple(values):
-        table = load(value, "scenario") if isinstance(value, str) else value
-        check_keys(table, (*Scenario._fields, "methods"), f"also: scenario {value!r}")
-        tables.append(table)
-    return tuple(tables)
-
-
-def _values(*default: Any, validator: Any = None, converter: Any = to_tuple) -> Any:
-    """Return a field of one value or several."""
+def _values(*default: Any, validator: Any = None) -> Any:
+    """Return a field of one value or several, numbers as floats."""
     each = validator and attrs.validators.deep_iterable(validator)
-    return attrs.field(default=default, converter=converter, validator=each)
+    return attrs.field(default=default, converter=_to_values, validator=each)
+
+
+def _check_tables(_: object, field: object, tables: tuple[Any, ...]) -> None:
+    for table in tables:
+        check_keys(table, (*Scenario._fields, "methods"), f"also: scenario {table!r}")
 
 
 @attrs.frozen(slots=False, kw_only=True)
-class Study(Settings):
+class Study(StudySettings):
     """Scenarios x methods x trials, all methods on the same simulated data.
 
     Parameters
@@ -110,7 +103,7 @@ class Study(Settings):
         those of the scenario.
     also
         Further scenarios: mappings of the settings above and of ``methods``, each a grid of its
-        own. What is not given is as above. ``"module:name"`` stands for such a mapping.
+        own. What is not given is as above.
     rate, period
         Rate in Hz to which the data are decimated, and duration of a realization in s.
     subtract_mean
@@ -139,11 +132,13 @@ class Study(Settings):
 
     stiffness: tuple[Any, ...] = _values("square")
     perturbation: tuple[Any, ...] = _values("noise", "prbs")
-    duration_s: tuple[float, ...] = _values(150.0, validator=positive, converter=_to_numbers)
-    snr_db: tuple[float, ...] = _values(10.0, validator=is_snr, converter=_to_numbers)
+    duration_s: tuple[float, ...] = _values(150.0, validator=positive)
+    snr_db: tuple[float, ...] = _values(10.0, validator=is_snr)
     viscosity: tuple[str, ...] = _values("constant", validator=one_of(Viscosity))
     system: tuple[Any, ...] = _values("joint")
-    also: tuple[Mapping[str, Any], ...] = attrs.field(default=(), converter=_to_tables)
+    also: tuple[Mapping[str, Any], ...] = attrs.field(
+        default=(), converter=to_tuple, validator=_check_tables
+    )
     rate: float = attrs.field(default=RATE, converter=to_float, validator=positive)
     period: float = attrs.field(default=PERIOD, converter=to_float, validator=positive)
     subtract_mean: bool = attrs.field(default=False, validator=boolean)
@@ -171,21 +166,16 @@ class Study(Settings):
     @cached_property
     def parts(self) -> dict[str, dict[str, Any]]:
         """Objects of all grids by setting and label, as in ``parts["stiffness"]["square"]``."""
-        parts: dict[str, dict[str, Any]] = {name: {} for name in PARTS}
+        parts: dict[str, dict[str, Any]] = {}
         for grid, (name, resolved) in itertools.product(self.grids, PARTS.items()):
             for value in getattr(grid, name):
                 part, label = resolved(value), label_of(value)
-                if repr(parts[name].setdefault(label, part)) != repr(part):
+                if repr(parts.setdefault(name, {}).setdefault(label, part)) != repr(part):
                     raise InputError(
                         f"{name}: two objects have the same name, {label}; make them attrs classes "
                         "or dataclasses, so that the name holds their settings"
                     )
         return parts
-
-    @property
-    def named_methods(self) -> dict[str, Method]:
-        """Method objects by the label that they have in results."""
-        return self.parts["methods"]
 
     @property
     def scenarios(self) -> tuple[Scenario, ...]:
@@ -203,17 +193,14 @@ class Study(Settings):
                 methods_of.setdefault(scenario, set()).update(map(label_of, grid.methods))
         return methods_of
 
-    def simulated(self, scenario: Scenario) -> tuple[System, Perturbation]:
-        """Return the system and perturbation of a scenario."""
-        system = self.parts["system"][scenario.system]
+    def system_of(self, scenario: Scenario) -> System:
+        """Return the system of a scenario, with its stiffness and viscosity."""
+        system: System = self.parts["system"][scenario.system]
         changes = {"stiffness": self.parts["stiffness"][scenario.stiffness]}
         if scenario.viscosity == "covarying":
             changes["viscosity"] = CovaryingViscosity(changes["stiffness"])
         names = changes.keys() & settings_of(system)
-        return (
-            with_settings(system, **{name: changes[name] for name in names}) if names else system,
-            self.parts["perturbation"][scenario.perturbation],
-        )
+        return with_settings(system, **{name: changes[name] for name in names}) if names else system
 
     def seed_of(self, scenario: Scenario, *trial: int) -> np.random.SeedSequence:
         """Return the seed of a scenario or of one trial; it depends on no other scenario."""

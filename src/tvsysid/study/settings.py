@@ -20,7 +20,7 @@ Item = TypeVar("Item")
 
 
 @attrs.frozen(slots=False, kw_only=True)
-class Settings:
+class StudySettings:
     """Settings of a study that a TOML file can hold."""
 
     @classmethod
@@ -52,11 +52,12 @@ class Settings:
         settings = attrs.asdict(
             self, recurse=False, filter=lambda _, value: value not in ((), None, {})
         )
-        return json.dumps(settings, default=_to_text)
-
-
-def _to_text(value: object) -> object:
-    return attrs.asdict(value) if isinstance(value, Reading) else label_of(value)
+        return json.dumps(
+            settings,
+            default=lambda value: (
+                attrs.asdict(value) if isinstance(value, Reading) else label_of(value)
+            ),
+        )
 
 
 def from_table(kind: type[Item], table: Any, where: str = "") -> Item:

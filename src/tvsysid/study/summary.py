@@ -70,12 +70,10 @@ def stiffness_over_time(results: xr.Dataset) -> pd.DataFrame:
 def exclusions(prepared: Sequence[Prepared]) -> pd.DataFrame:
     """Return which realizations were excluded, from :func:`prepared_recordings`.
 
-    A row for each: recording, participant, perturbation, realization, trial, onset_s, shift_s,
-    excluded_by (empty for one that was kept), reached, limit, unit.
+    A row for each: participant, perturbation, realization, trial, onset_s, shift_s, excluded_by
+    (empty for one that was kept), reached, limit, unit.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
     tables = {item.recorded[:2]: item.preparation.table for item in prepared if item.preparation}
-    table = pd.concat(tables, names=["participant", "perturbation"]).reset_index()
-    table.insert(0, "recording", table.participant + "-" + table.perturbation)
-    return table
+    return pd.concat(tables, names=["participant", "perturbation"]).reset_index()

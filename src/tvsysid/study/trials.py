@@ -13,7 +13,7 @@ from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import Simulation
 from tvsysid.study.dataset import SIMULATIONS, dataset_of
-from tvsysid.study.measure import Scores, Truth, mean_quantities
+from tvsysid.study.measure import Scores, Truth, separate_truth
 from tvsysid.study.scenarios import Scenario, Study
 from tvsysid.study.tasks import Task, identity_of
 
@@ -27,23 +27,19 @@ TRAITS = ("profile", *Scenario._fields[1:])  # coordinates of a scenario in the 
 def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]:
     """Return a trial, with its noiseless torque and the means of its quantities."""
     simulation = simulate(study, scenario, trial)
-    own, pathways = simulation.recording.channels, simulation.pathways
-    with_pathways = attrs.evolve(simulation.recording, channels={**own, **pathways})
-    ensemble = segment(decimate(with_pathways, study.rate), study.period)
+    recording, pathways = simulation.recording, simulation.pathways
+    every = attrs.evolve(recording, channels={**recording.channels, **pathways})
+    ensemble = segment(decimate(every, study.rate), study.period)
     if study.subtract_mean:
         ensemble = subtract_mean(ensemble, pathways)
-    torques = {name: ensemble.signal(name)[:, ensemble.core] for name in pathways}
-    ensemble = attrs.evolve(ensemble, channels={name: ensemble.channels[name] for name in own})
-    quantities = mean_quantities(simulation, ensemble)
-    return ensemble, Truth(np.asarray(sum(torques.values())), quantities, torques)
+    return separate_truth(simulation, ensemble)
 
 
 def simulate(study: Study, scenario: Scenario, trial: int) -> Simulation:
     """Simulate the recording of a trial."""
-    system, perturbation = study.simulated(scenario)
-    return system.simulate(
+    return study.system_of(scenario).simulate(
         scenario.duration_s,
-        perturbation=perturbation,
+        perturbation=study.parts["perturbation"][scenario.perturbation],
         snr_db=scenario.snr_db,
         seed=study.seed_of(scenario, trial),
         rate=study.rate * max(1, -(-MIN_SIMULATED_HZ // study.rate)),  # rounded up
@@ -52,25 +48,30 @@ def simulate(study: Study, scenario: Scenario, trial: int) -> Simulation:
 
 def tasks_of(study: Study) -> list[Task]:
     """Return a task for each trial, the longest first."""
-    tasks = []
+    tasks: list[Task] = []
     for scenario in sorted(study.scenarios, key=lambda each: -each.duration_s):
-        asked = study.methods_of[scenario]
-        parts = [identity_of(each) for each in study.simulated(scenario)]
+        perturbation = study.parts["perturbation"][scenario.perturbation]
+        parts = map(identity_of, (study.system_of(scenario), perturbation))
         settings = study.rate, study.period, study.subtract_mean
-        task = Task(
-            case=scenario.label,
-            draw=partial(draw, study, scenario),
-            draws=(),
-            methods={label: each for label, each in study.named_methods.items() if label in asked},
-            depends_on=(scenario, study.seed_of(scenario), settings, parts),
-        )
-        tasks += [attrs.evolve(task, draws=[trial]) for trial in range(study.trials)]
+        asked = study.methods_of[scenario]
+        depends_on = scenario, study.seed_of(scenario), settings, [*parts]
+        methods = {label: each for label, each in study.parts["methods"].items() if label in asked}
+        tasks += [
+            Task(
+                case=scenario.label,
+                draw=partial(draw, study, scenario),
+                draws=[trial],
+                methods=methods,
+                depends_on=depends_on,
+            )
+            for trial in range(study.trials)
+        ]
     return tasks
 
 
 def results_of(study: Study, measured: Iterable[tuple[Task, Scores]]) -> xr.Dataset:
     """Return the results of all trials, with the traits of each scenario."""
-    scenarios, methods = study.scenarios, list(study.named_methods)
+    scenarios, methods = study.scenarios, [*study.parts["methods"]]
     asked = [[label in study.methods_of[each] for label in methods] for each in scenarios]
     coordinates: dict[str, Any] = {
         "scenario": ("scenario", [each.label for each in scenarios]),

@@ -10,7 +10,6 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
@@ -18,7 +17,6 @@ from typing import TypeVar
 import cloudpickle
 
 from tvsysid.errors import InputError, one_line
-from tvsysid.numerics.threads import single_thread
 from tvsysid.study.measure import Scores
 from tvsysid.study.tasks import Task, run_pickled, run_task
 
@@ -67,24 +65,18 @@ def run_tasks(
 def in_processes(
     function: Callable[[T], R], items: Sequence[T], workers: int | None = None
 ) -> Iterator[Iterator[R]]:
-    """Begin to call a function of each item in local processes, one thread of BLAS each.
+    """Begin to call a function of each item in local processes.
 
     An InputError is raised if a worker dies.
     """
-    call = partial(_on_one_thread, function)
     if (count := min(workers or cores(), len(items))) < 2:
-        yield map(call, items)
+        yield map(function, items)
         return
     try:
         with _processes(count) as pool:
-            yield pool.map(call, items)
+            yield pool.map(function, items)
     except BrokenProcessPool as error:
         raise InputError(f"a worker failed: {error} {RESUME}") from error
-
-
-def _on_one_thread(function: Callable[[T], R], item: T) -> R:
-    with single_thread():
-        return function(item)
 
 
 def _by_executor(
@@ -121,7 +113,6 @@ def _by_executor(
 @contextmanager
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
     """Start local processes, which end with this one and ignore interruptions."""
-    others = set(multiprocessing.active_children())
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, context, initializer=_begin)
@@ -129,8 +120,8 @@ def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
         yield pool
     except BaseException:
         # Nobody waits for what is under way, least of all for a method that hangs.
-        for child in set(multiprocessing.active_children()) - others:
-            child.terminate()
+        for worker in pool._processes.values():
+            worker.terminate()
         # A worker may have sent only a part of its result: do not wait for the rest.
         pool._result_queue._writer.close()  # type: ignore[attr-defined]
         raise

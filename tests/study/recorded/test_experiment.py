@@ -23,7 +23,7 @@ def test_by_default_it_is_the_papers_on_six_virtual_participants():
         f"{name}-{count}" for name, pair in counts.items() for count in pair
     ]
     assert experiment.bootstraps == 100
-    methods = experiment.named_methods
+    methods = {each.name: each.method for each in experiment.analyses}
     samples = [round(128 * methods[name].max_lag, 9) for name in ("eirf", "sds", "birf")]
     assert samples == [15, 15, 15]
     assert (128 * methods["sds"].window, 128 * methods["esm"].window) == (12, 30)
@@ -47,8 +47,8 @@ def test_methods_are_texts_or_objects_with_as_many_realizations():
     assert [item.label for item in experiment.analyses] == [
         f"{name}-40" for name in (*texts, repr(tv.BasisIRF()))
     ]
-    assert experiment.named_methods["kbr"] == KBR
-    assert experiment.named_methods["sds:window=0.1"].window == 0.1
+    assert experiment.analyses[0].method == KBR
+    assert experiment.analyses[1].method.window == 0.1
 
 
 def test_settings_that_are_told_make_the_same_experiment_again(tmp_path):

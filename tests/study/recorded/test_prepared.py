@@ -93,15 +93,15 @@ def test_a_recording_without_any_usable_trial_fails_alone(tmp_path):
     assert set(results.failure.values[0, 0]) == {lost.failure}
     assert np.isnan(results.estimate[0]).all()
     assert np.isfinite(results.estimate.sel(quantity="stiffness")[1]).all()
-    assert set(exclusions((lost, fine)).recording) == {"P8-noise"}
+    assert set(exclusions((lost, fine)).participant) == {"P8"}
     with pytest.raises(tv.InputError, match="the first: no trial can be used"):
         run(experiment, prepared=[lost], workers=1)
 
 
 def test_the_account_of_every_realization_is_one_table(small):
     table = exclusions(small.prepared)
-    assert table.groupby("recording").size().to_dict() == {"P1-noise": 300, "P1-prbs": 300}
-    for item, (_, rows) in zip(small.prepared, table.groupby("recording"), strict=True):
+    assert table.groupby("perturbation").size().to_dict() == {"noise": 300, "prbs": 300}
+    for item, (_, rows) in zip(small.prepared, table.groupby("perturbation"), strict=True):
         kept = rows[rows.excluded_by == ""]
         np.testing.assert_allclose(kept.onset_s + kept.shift_s, item.ensemble.onsets)
         gone = rows[rows.excluded_by != ""]

@@ -36,7 +36,7 @@ from tvsysid.studies.claims import (
 )
 from tvsysid.studies.published_study import Written
 from tvsysid.study import Prepared, exclusions, score, stiffness_over_time, summarize
-from tvsysid.study.bootstraps import STEPS
+from tvsysid.study.bootstraps import COUNTED
 from tvsysid.study.experiment import PREPARATION
 
 if TYPE_CHECKING:
@@ -55,9 +55,8 @@ EXCLUDED = {
 """Range over the paper's participants of what each step excluded (section 4.1.5)."""
 ANY_METHOD, ALL_DATA = "any method", "all data"  # that counts of realizations belong to
 LESS, MORE = "less data", "more data"
-COUNTS = ["survivors", *(f"excluded_{step}" for step in STEPS)]
 SCORES = {"vaf": "%", "bandpassed_vaf": "%", "random_error": "N·m/rad", "mean": "N·m/rad"}
-UNITS = SCORES | dict.fromkeys(COUNTS, "realizations")
+UNITS = SCORES | dict.fromkeys(COUNTED, "realizations")
 UNITS |= {"correlation_with_torque": "", "vaf_dip": "%"}
 """Unit of each quantity."""
 
@@ -71,7 +70,7 @@ def experiment_evidence(results: xr.Dataset) -> Evidence:
 
     rank = results.realizations.to_series().groupby(results.method_key.to_series()).rank()
     amounts = ("analysis", rank.map({1.0: LESS, 2.0: MORE}))
-    counts = RECORDED * results[COUNTS] / results.recorded.where(results.recorded > 0)
+    counts = RECORDED * results[[*COUNTED]] / results.recorded.where(results.recorded > 0)
     parts = (
         counts.assign_coords(method_key=ANY_METHOD, amount=ALL_DATA),
         analysis_quantities(results).assign_coords(amount=amounts),

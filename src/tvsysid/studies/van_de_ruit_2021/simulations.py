@@ -230,7 +230,7 @@ def example_responses() -> xr.Dataset:
 
     study = Study(perturbation=("prbs",), methods=WITH_RESPONSES)
     ensemble, truth = draw(study, study.scenarios[0], 0)
-    methods: Any = study.named_methods.values()
+    methods = study.parts["methods"].values()
     found = [each.identify(ensemble).impulse_response[SHOWN_SAMPLES] for each in methods]
     true = np.stack([truth.quantities[name][SHOWN_SAMPLES] for name in IMPEDANCE], axis=-1)
     # Discrete weights of a derivative of order m are those for unit sample time, times the rate to

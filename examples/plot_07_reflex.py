@@ -20,7 +20,7 @@ ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2
 # %%
 # First see whether there is a reflex.
 
-print(tv.quality.find_reflex(ensemble))
+print(tv.diagnose(ensemble))
 
 # %%
 # Then separate it. The model has the torque of each pathway, and the reflex gain.

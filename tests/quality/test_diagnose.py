@@ -113,7 +113,7 @@ def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, c
     ("name", "value", "significant", "state", "strength"),
     [
         ("drift", -16.1, True, "found", "-16.1 %, at most ±10 is in order"),
-        ("drift", 24.3, False, "uncertain", "24.3 %, at most 10 is in order, but not significant"),
+        ("drift", 24.3, False, "uncertain", "24.3 %, at most 10 is in order"),
         ("drift", float("nan"), False, "not judged", "–"),
         ("torque-unit", 0.1, True, "found", "0.1 N·m/rad, at least 0.2 is in order"),
     ],

@@ -124,7 +124,6 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
     from tvsysid.comparison import prepare_recording
     from tvsysid.planning import Protocol
     from tvsysid.quality import diagnose
-    from tvsysid.recommendation.method import INVALIDATING_FAULTS
     from tvsysid.recordings import read_recording
 
     cutting = attrs.evolve(segmentation, period=segmentation.period or PERIOD_S)
@@ -132,7 +131,7 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
     for note in prepared.notes:
         say(note)
     for found in diagnose(prepared.ensemble).findings:
-        if found.name in INVALIDATING_FAULTS:
+        if found.fault.severity == "invalid":
             raise InputError(
                 f"--pilot {file}: its stiffness is not valid: {found.what}; {found.fault.remedy}"
             )

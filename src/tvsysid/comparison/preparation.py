@@ -16,8 +16,6 @@ from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import prediction_p_value
 from tvsysid.metrics import vaf
 from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
-from tvsysid.recommendation.answer import LOOP_FAULTS
-from tvsysid.recommendation.method import INVALIDATING_FAULTS
 from tvsysid.recordings.reading import Segmentation
 from tvsysid.signals import Array, Ensemble, Recording
 
@@ -168,7 +166,8 @@ def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> 
         What was found and done. Empty if no delay is found.
     """
     faults = {each.name: each for each in diagnosis.findings}
-    if "delay" not in faults or faults.keys() & {*INVALIDATING_FAULTS, *LOOP_FAULTS}:
+    severities = {each.fault.severity for each in faults.values()}
+    if "delay" not in faults or severities & {"invalid", "closed loop"}:
         return 0.0, ""
     what = faults["delay"].what.partition(";")[0]
     delays = np.array([0.0, 0.5, 1.0]) * faults["delay"].value / 1000

@@ -7,7 +7,6 @@ from tvsysid.quality.diagnosis import (
     diagnose,
     diagnose_recording,
     find_reference,
-    find_reflex,
 )
 
 __all__ = [
@@ -19,5 +18,4 @@ __all__ = [
     "diagnose",
     "diagnose_recording",
     "find_reference",
-    "find_reflex",
 ]

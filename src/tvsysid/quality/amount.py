@@ -29,8 +29,8 @@ DIGITS = 9  # after the point, in standard deviations, in which copies agree
     "realizations",
     15,
     "realizations",
-    effect="the random error falls with the square root of their number; methods that look at each "
-    "time by itself need more realizations than they have lags",
+    "minor",
+    effect="the random error is large; eirf needs more realizations than it has lags",
     remedy="record more, or cut shorter realizations if the movement repeats more often",
     wrong="below",
 )
@@ -45,9 +45,9 @@ def few_realizations(data: FittedEnsemble) -> Measured:
     "share of the torque that stiffness, viscosity and inertia explain",
     30,
     "%",
+    "serious",
     effect="the random error of the stiffness is large",
-    remedy="perturb more strongly, record more realizations, and check that these are the right "
-    "channels and that every realization was perturbed anew",
+    remedy="perturb or record more; check the channels, and that each realization was perturbed",
     wrong="below",
 )
 def weak_answer(data: FittedEnsemble) -> Measured:
@@ -64,10 +64,9 @@ def weak_answer(data: FittedEnsemble) -> Measured:
     "relative standard error of the mean stiffness or inertia, whichever is larger",
     20,
     "%",
-    effect="stiffness, viscosity and inertia are not separately identifiable; none of them can be "
-    "trusted",
-    remedy="use a perturbation with power from below 2 Hz to above the joint's natural frequency, "
-    "some 10 Hz at the ankle",
+    "serious",
+    effect="stiffness, viscosity and inertia are not separately identifiable: trust none of them",
+    remedy="perturb with power from below 2 Hz to above the natural frequency (ankle: 10 Hz)",
 )
 def narrow_excitation(data: FittedEnsemble) -> Measured:
     """Return the relative error of mean stiffness or inertia, by the better of two fits.
@@ -90,6 +89,7 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
     "share of the angle's variance that is common to all realizations, or white as sensor noise is",
     30,
     "%",
+    "minor",
     effect="a response to the angle cannot be separated from what repeats anyway; once the mean is "
     "subtracted, only noise is left",
     remedy="draw a new random perturbation for every realization; these data cannot be repaired",
@@ -113,6 +113,7 @@ def same_perturbation(data: FittedEnsemble) -> Measured:
     "realizations whose angle and torque are copies of another one",
     0,
     "realizations",
+    "minor",
     effect="the same noise counts twice: bands and random errors come out too small",
     remedy="keep one of each (ensemble.select), and check whether a file was read twice",
 )
@@ -133,6 +134,7 @@ def repeated_realizations(data: FittedEnsemble) -> Measured:
     "RMS of the angle's mean over realizations, over the RMS expected by chance",
     2.5,
     "times",
+    "doubtful",
     effect="an offset or an imposed movement counts as perturbation, and biases the stiffness",
     remedy="ensemble = tv.preprocess.subtract_mean(ensemble)",
     which="angle",
@@ -143,6 +145,7 @@ def repeated_realizations(data: FittedEnsemble) -> Measured:
     "RMS of the torque's mean over realizations, over the RMS expected by chance",
     2.5,
     "times",
+    "doubtful",
     effect="voluntary or passive torque that all realizations share counts as a response to the "
     "angle, and biases the stiffness",
     remedy="ensemble = tv.preprocess.subtract_mean(ensemble)",

@@ -23,6 +23,7 @@ MAX_INERTIA = 1.0  # kg·m², more than that of an arm or a lower leg
     "correlation of angle and torque, without its sign",
     99.99,
     "%",
+    "invalid",
     effect="the result is the ratio of two copies of one signal, not an impedance",
     remedy="check which channels --angle and --torque name",
 )
@@ -46,11 +47,53 @@ def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
 
 
 @check(
+    "torque-unit",
+    "Stiffer or softer than any joint",
+    "mean stiffness, without its sign",
+    1500,
+    "N·m/rad",
+    "invalid",
+    effect="stiffness, viscosity and inertia are wrong by the same factor",
+    remedy="name the channels the other way round if they are swapped (--angle, --torque), and the "
+    "units of the file (--torque-unit Nmm, --angle-unit deg), or leave out those that are not so",
+    lowest=0.2,
+)
+def torque_unit(data: FittedEnsemble) -> Measured:
+    """Return the size of the mean stiffness."""
+    (value, *_), (error, *_) = _impedance(data)
+    size = abs(value)
+    return Measured(
+        size, f"the mean stiffness is {value:.4g} N·m/rad", size > SIGNIFICANT_ERRORS * error
+    )
+
+
+@check(
+    "angle-unit",
+    "The angle is too large for radians",
+    "RMS of the angle about its mean over realizations",
+    MAX_ANGLE_RMS_RAD,
+    "rad",
+    "invalid",
+    effect="degrees read as radians make stiffness, viscosity and inertia 57 times too small; if "
+    "they are radians, no joint is linear over such a wide movement",
+    remedy="if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this "
+    "is the torque, name the channels the other way round",
+)
+def angle_unit(data: FittedEnsemble) -> Measured:
+    """Return the size of the movement."""
+    size = data.core("angle").std()
+    return Measured(
+        size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
+    )
+
+
+@check(
     "reversed-torque",
     "The torque has the opposite sign",
     "mean stiffness",
     0,
     "N·m/rad",
+    "invalid",
     effect="stiffness, viscosity and inertia all come out negative",
     remedy="reverse the torque: add --torque-sign -1 (torque_sign=-1), or remove it if present; "
     "if the sign was right, the actuator is compliant: record its command",
@@ -67,55 +110,15 @@ def reversed_torque(data: FittedEnsemble) -> Measured:
 
 
 @check(
-    "angle-unit",
-    "The angle is too large for radians",
-    "RMS of the angle about its mean over realizations",
-    MAX_ANGLE_RMS_RAD,
-    "rad",
-    effect="degrees read as radians make stiffness, viscosity and inertia 57 times too small; if "
-    "they are radians, no joint is linear over such a wide movement",
-    remedy="if the file is in degrees, read it with angle_unit='deg' (--angle-unit deg); if this "
-    "is the torque, name the channels the other way round",
-)
-def angle_unit(data: FittedEnsemble) -> Measured:
-    """Return the size of the movement."""
-    size = data.core("angle").std()
-    return Measured(
-        size, f"the angle has an RMS of {size:.3g} rad about its mean over realizations"
-    )
-
-
-@check(
-    "torque-unit",
-    "Stiffer or softer than any joint",
-    "mean stiffness, without its sign",
-    1500,
-    "N·m/rad",
-    effect="stiffness, viscosity and inertia are wrong by the same factor",
-    remedy="name the channels the other way round if they are swapped (--angle, --torque), and the "
-    "units of the file (--torque-unit Nmm, --angle-unit deg), or leave out those that are not so",
-    lowest=0.2,
-)
-def torque_unit(data: FittedEnsemble) -> Measured:
-    """Return the size of the mean stiffness."""
-    (value, *_), (error, *_) = _impedance(data)
-    size = abs(value)
-    return Measured(
-        size, f"the mean stiffness is {value:.4g} N·m/rad", size > SIGNIFICANT_ERRORS * error
-    )
-
-
-@check(
     "sampling-rate",
     "Too slow or too fast for a joint",
     "natural frequency, in octaves from the middle of the range of joints (1 to 40 Hz; inertia up "
     "to 1 kg·m²)",
     2.66,
     "octaves",
-    effect="a rate that is stated too high by a factor makes viscosity too small by that factor, "
-    "and inertia by its square",
-    remedy="check at what rate the file was sampled; the inertia of foot and footplate is 0.01 to "
-    "0.04 kg·m²",
+    "serious",
+    effect="a rate too high by a factor makes viscosity too small by it, and inertia by its square",
+    remedy="check the file's sampling rate; foot and footplate have 0.01 to 0.04 kg·m²",
 )
 def sampling_rate(data: FittedEnsemble) -> Measured:
     """Compare natural frequency and inertia with those of joints.

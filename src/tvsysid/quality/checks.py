@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from tvsysid.numerics.threads import single_thread
 
@@ -25,6 +25,11 @@ class Fault(NamedTuple):
         Name of the fault in words, and description of the value that is measured.
     limit, unit
         Limit of the values that are in order, and its unit.
+    severity
+        ``"invalid"`` if the fault makes the stiffness of every method wrong, ``"closed loop"`` of
+        every method without a reference, and ``"one pathway"`` of every method without a reflex.
+        ``"serious"`` or ``"doubtful"`` if it may make the stiffness wrong, and ``"minor"`` if it
+        hardly can.
     effect, remedy
         Effect of the fault on the result, and what to do about it.
     wrong
@@ -37,6 +42,7 @@ class Fault(NamedTuple):
     measure: str
     limit: float
     unit: str
+    severity: Literal["invalid", "closed loop", "one pathway", "serious", "doubtful", "minor"]
     effect: str
     remedy: str
     wrong: Literal["above", "below"] = "above"
@@ -158,8 +164,7 @@ class Finding:
             allowed = f"at least {fault.lowest or fault.limit:g}"
         else:
             allowed = f"at most {'±' if self.value < 0 else ''}{fault.limit:g}"
-        caveat = ", but not significant" if self.state == "uncertain" else ""
-        return f"{value} {unit}, {allowed} is in order{caveat}"
+        return f"{value} {unit}, {allowed} is in order"
 
     def __repr__(self) -> str:
         return f"Finding({self.name}: {self.state}; {self.what})"
@@ -178,6 +183,6 @@ def judge(name: str, *arguments: object) -> Finding:
     return Finding(name, float(value), what, bool(significant), realizations)
 
 
-def indices(concerned: NDArray[np.bool_] | np.bool_) -> tuple[int, ...]:
+def indices(concerned: ArrayLike) -> tuple[int, ...]:
     """Return the indices of the realizations where ``concerned`` is True."""
     return tuple(np.flatnonzero(concerned).tolist())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tvsysid.numerics.interpolation import SINC, advanced, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
@@ -17,6 +16,7 @@ from tvsysid.quality.fit import (
     low_passed,
 )
 from tvsysid.quality.statistics import is_significant
+from tvsysid.signals import Array
 
 MAX_DELAY_S = 0.1
 FINE_SHIFTS = np.linspace(-1, 1, 9)  # samples beside the best whole one
@@ -33,6 +33,7 @@ MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angl
     "delay of the torque",
     0.75,
     "ms",
+    "doubtful",
     effect="a torque that is late by d lowers the inertia by viscosity times d (a tenth of it for "
     "1 ms at the ankle) and the viscosity by stiffness times d, and distorts the rest; an early "
     "one raises both",
@@ -78,7 +79,7 @@ def delay(data: FittedEnsemble) -> Measured:
     return Measured(value, what, significant)
 
 
-def _remaining_delay(fit: SecondOrderFit) -> NDArray[np.float64]:
+def _remaining_delay(fit: SecondOrderFit) -> Array:
     """Return the remaining delay in samples, its standard error, and its change without whitening.
 
     The misfit of a model is alike in all realizations and differs from time to time. So the error

@@ -72,7 +72,7 @@ class Diagnosis:
 
     @property
     def table(self) -> pd.DataFrame:
-        """Return a row for each check: name, state, value, limit, what, effect, remedy."""
+        """Return a row for each check: name, state, value, limit, severity, what, remedy, ..."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
         return pd.DataFrame(
@@ -196,11 +196,6 @@ def diagnose(
         curves(given),
         description,
     )
-
-
-def find_reflex(ensemble: Ensemble) -> Finding:
-    """Run only the check for a stretch reflex, without removing a delay or drifting offsets."""
-    return judge("reflex", FittedEnsemble.of(ensemble))
 
 
 def find_reference(ensemble: Ensemble, channel: str) -> Finding:

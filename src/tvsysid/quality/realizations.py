@@ -49,6 +49,7 @@ BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a be
     "stiffness of the second half minus that of the first, over the first",
     10,
     "%",
+    "doubtful",
     effect="the result is a mean of different stiffnesses and describes none of them",
     remedy="identify the parts of the experiment separately; let people rest or warm up before",
 )
@@ -77,10 +78,9 @@ def drift(data: FittedEnsemble) -> Measured:
     "mean",
     100,
     "%",
-    effect="the drift counts as torque that the angle does not explain: the fits see much more "
-    "noise",
-    remedy="subtract a line, or components slower than a realization, from the recording before "
-    "cutting; check the sensor",
+    "minor",
+    effect="the drift counts as noise: as torque that the angle does not explain",
+    remedy="subtract a line or slow components from the recording before cutting; check the sensor",
     which="torque",
 )
 @check(
@@ -90,9 +90,9 @@ def drift(data: FittedEnsemble) -> Measured:
     "mean",
     100,
     "%",
+    "minor",
     effect="the drift counts as movement without a response: the stiffness comes out too low",
-    remedy="subtract a line, or components slower than a realization, from the recording before "
-    "cutting; check the sensor",
+    remedy="subtract a line or slow components from the recording before cutting; check the sensor",
     which="angle",
 )
 def offset(data: FittedEnsemble, which: str) -> Measured:
@@ -136,6 +136,7 @@ def without_drifting_offsets(data: FittedEnsemble) -> FittedEnsemble:
     "realizations whose stiffness or noise lies far outside the scatter of the others",
     0,
     "realizations",
+    "minor",
     effect="they count as much as the others and pull the result towards theirs",
     remedy="look at them and exclude them (ensemble.select; tv.preprocess.prepare does it for a "
     "task with a target)",
@@ -175,8 +176,8 @@ def _is_outlying(values: Array, least: float, errors: Array | float = 0.0) -> ND
     "of the stiffness",
     10,
     "%",
-    effect="the result is a mean of different movements and describes none of them; bands do not "
-    "show it",
+    "doubtful",
+    effect="the result is a mean of different movements and describes none; bands do not show it",
     remedy="sort the realizations by what may differ (task, muscle activity, instruction), and "
     "identify each kind separately; if it was recorded, let the joint follow it (tvsysid identify "
     "… --scheduling CHANNEL)",
@@ -253,6 +254,7 @@ def _shared_variances(change: Array) -> Array:
     "share of the realizations that fit clearly better when they are shifted",
     2,
     "%",
+    "doubtful",
     effect="changes of stiffness are smeared over time, and peaks come out too low",
     remedy="align them before the mean is subtracted (tv.preprocess.align), or exclude them",
 )
@@ -287,8 +289,8 @@ def misaligned_realizations(data: FittedEnsemble) -> Measured:
     "variation of the stiffness with another period, as a share of the mean",
     10,
     "%",
-    effect="each realization holds another part of the movement, so the time variation averages "
-    "out",
+    "invalid",
+    effect="each realization holds another part of the movement; the time variation averages out",
     remedy="cut with the period that is named here, if there is one, or sort realizations by what "
     "the stiffness depends on; check the sampling rate: if half of the true one is stated, the "
     "period doubles",

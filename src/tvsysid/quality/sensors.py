@@ -39,8 +39,8 @@ INTERPOLATE = "interpolate the samples or exclude the realizations; check the ca
     "times at which the highest or lowest values of several realizations are equal",
     2,
     "%",
-    effect="the sensor stays at its limit where the torque is large: the stiffness comes out too "
-    "low where it is high",
+    "serious",
+    effect="a large torque is measured too small: stiffness comes out too low where it is high",
     remedy=f"widen the sensor's range; {EXCLUDE}",
     which="torque",
 )
@@ -50,8 +50,8 @@ INTERPOLATE = "interpolate the samples or exclude the realizations; check the ca
     "times at which the highest or lowest values of several realizations are equal",
     2,
     "%",
-    effect="the torque changes while the sensor stays at its limit: the stiffness comes out too "
-    "high",
+    "serious",
+    effect="the torque changes while the angle stays at a limit: stiffness comes out too high",
     remedy=f"widen the sensor's range; {EXCLUDE}",
     which="angle",
 )
@@ -89,6 +89,7 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     "time during which the angle moves and the torque does not",
     0.08,
     "s",
+    "doubtful",
     effect="while the torque is held or zero, the joint seems to have no stiffness",
     remedy=EXCLUDE,
     which="torque",
@@ -99,6 +100,7 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     "time during which the torque moves and the angle does not",
     0.25,
     "s",
+    "minor",
     effect="the torque seems to change by itself, which adds noise and mostly lowers the stiffness",
     remedy=EXCLUDE,
     which="angle",
@@ -146,6 +148,7 @@ def _blocks(signals: ArrayLike) -> NDArray[Any]:
     "gaps of 30 ms and more in both signals",
     0,
     "gaps",
+    "doubtful",
     effect="held, zero or interpolated values count as the joint's response: the stiffness is "
     "wrong, and bands are too narrow",
     remedy="tvsysid identify --period leaves out realizations with gaps; in Python, "
@@ -168,6 +171,7 @@ def gaps(recording: Recording) -> Measured:
     "RMS of a line at 50 or 60 Hz, over that of the angle",
     1,
     "%",
+    "doubtful",
     effect="the hum has a large acceleration without a response: the inertia comes out too low, "
     "and the stiffness wrong",
     remedy="tvsysid identify subtracts it; in Python, tv.preprocess.remove_mains(recording, 50) "
@@ -182,10 +186,10 @@ def mains(recording: Recording) -> Measured:
 @check(
     "torque-spikes",
     "Spikes in the torque",
-    "highest sample that neither the joint's model nor the past predicts, over the 90th percentile "
-    "of all",
+    "highest sample that neither model nor past predicts, over the 90th percentile of all",
     8,
     "times",
+    "minor",
     effect="single samples with large errors dominate a least-squares fit",
     remedy=INTERPOLATE,
     which="torque",
@@ -196,6 +200,7 @@ def mains(recording: Recording) -> Measured:
     "highest sample that the angle's past does not predict, over the 99th percentile of all",
     2.5,
     "times",
+    "minor",
     effect="a spike has a large acceleration without a response: the inertia comes out too low",
     remedy=INTERPOLATE,
     which="angle",

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 from scipy.special import stdtrit
 
@@ -35,7 +34,7 @@ def is_mean_significant(scores: Array) -> bool:
     return is_significant(scores.mean(), scores.std(ddof=1) / math.sqrt(count), count)
 
 
-def lagged(signal: Array, lags: Sequence[int] | NDArray[np.int64], start: int, stop: int) -> Array:
+def lagged(signal: Array, lags: Iterable[int], start: int, stop: int) -> Array:
     """Return samples ``start`` to ``stop`` of a signal as they were so many samples earlier.
 
     The shape is (lag, realization, time).

@@ -31,43 +31,12 @@ TOO_SHORT = "realizations and their context are too short"
 
 
 @check(
-    "feedback",
-    "Closed loop: torque noise moves the angle",
-    "share of the torque that later movement predicts, beyond earlier movement",
-    3,
-    "%",
-    effect="most methods take the angle as imposed; if noise in the torque moves it, stiffness, "
-    "viscosity and inertia come out too low",
-    remedy="check that both channels pass the same filters; use a stiffer actuator, or identify "
-    "with the actuator's command as the reference (tvsysid identify … --channel command=… --method "
-    "kbr:reference=command,weighting=residual)",
-)
-def feedback(data: FittedEnsemble) -> Measured:
-    """Return the share of the torque that later movement predicts (Sims, 1972).
-
-    Earlier movement and the joint's response are taken into account first. The future of an
-    imposed angle says nothing about the torque's noise, that of an angle which it moves does. A
-    reflex is late. All signals are whitened, and the test is by held-out realizations.
-    """
-    data.require()
-    fit, origin, last = data.fit, data.region.start, FEEDBACK_LAGS[-1]
-    angle, torque = fit.whitened(data.angle), fit.whitened(np.stack([fit.residual, fit.torque]))
-    start, stop = max(origin, last), min(origin + torque.shape[2], angle.shape[1] - last)
-    if stop - start < last:
-        raise NotApplicable(TOO_SHORT)
-    earlier = lagged(angle, [*FEEDBACK_LAGS, 1, 0, -1], start, stop)
-    residual, whole = torque[..., start - origin : stop - origin]
-    later = lagged(angle, -FEEDBACK_LAGS, start, stop)
-    gain = gains(without(residual, earlier), without(later, earlier))
-    return _gained(gain, whole, "movement 40 to 280 ms later predicts {} of the torque")
-
-
-@check(
     "loop-bias",
     "Closed loop: the reference changes the stiffness",
     "mean stiffness of a fit in open loop over that with the reference as the instrument, minus 1",
     5,
     "%",
+    "closed loop",
     effect="methods that take the angle as imposed are biased by as much; no band shows it, and a "
     "longer record does not help",
     remedy="identify with the reference, as the finding says "
@@ -152,12 +121,46 @@ def _predicted(signal: Array, cause: Array) -> float:
 
 
 @check(
+    "feedback",
+    "Closed loop: torque noise moves the angle",
+    "share of the torque that later movement predicts, beyond earlier movement",
+    3,
+    "%",
+    "closed loop",
+    effect="most methods take the angle as imposed; if noise in the torque moves it, stiffness, "
+    "viscosity and inertia come out too low",
+    remedy="check that both channels pass the same filters; use a stiffer actuator, or identify "
+    "with the actuator's command as the reference (tvsysid identify … --channel command=… --method "
+    "kbr:reference=command,weighting=residual)",
+)
+def feedback(data: FittedEnsemble) -> Measured:
+    """Return the share of the torque that later movement predicts (Sims, 1972).
+
+    Earlier movement and the joint's response are taken into account first. The future of an
+    imposed angle says nothing about the torque's noise, that of an angle which it moves does. A
+    reflex is late. All signals are whitened, and the test is by held-out realizations.
+    """
+    data.require()
+    fit, origin, last = data.fit, data.region.start, FEEDBACK_LAGS[-1]
+    angle, torque = fit.whitened(data.angle), fit.whitened(np.stack([fit.residual, fit.torque]))
+    start, stop = max(origin, last), min(origin + torque.shape[2], angle.shape[1] - last)
+    if stop - start < last:
+        raise NotApplicable(TOO_SHORT)
+    earlier = lagged(angle, [*FEEDBACK_LAGS, 1, 0, -1], start, stop)
+    residual, whole = torque[..., start - origin : stop - origin]
+    later = lagged(angle, -FEEDBACK_LAGS, start, stop)
+    gain = gains(without(residual, earlier), without(later, earlier))
+    return _gained(gain, whole, "movement 40 to 280 ms later predicts {} of the torque")
+
+
+@check(
     "reflex",
     "A stretch reflex",
     "least share (95 % confidence) of the residual torque that velocity of one direction predicts "
     "40 to 330 ms later, beyond what both directions do alike",
     0.1,
     "%",
+    "one pathway",
     effect="methods with one pathway include the torque of the stretch reflex in the stiffness: "
     "stiffness and inertia come out too high, viscosity too low, whatever the lags; no band shows "
     "it",
@@ -187,10 +190,10 @@ def reflex(data: FittedEnsemble) -> Measured:
 @check(
     "slow-answer",
     "More than stiffness, viscosity and inertia",
-    "share of the residual torque that movement 40 to 300 ms earlier predicts, where no reflex is "
-    "found",
+    "share of the residual torque that movement 40 to 300 ms earlier predicts, without a reflex",
     10,
     "%",
+    "serious",
     effect="a model of second order (birf, kbr) misses this part; impulse responses include it as "
     "far as their lags reach",
     remedy="use lags as long as the response (eirf:max_lag=0.4; sds:max_lag=0.4,window=0.4), also "

@@ -20,9 +20,8 @@ from tvsysid.methods.adaptive.model import AdaptiveModel, describe_changes
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.quality import Diagnosis, Finding
+from tvsysid.quality import FAULTS, Diagnosis, Finding
 from tvsysid.recommendation.method import (
-    INVALIDATING_FAULTS,
     MIN_INFORMATION,
     RECORD_REFERENCE,
     Recommendation,
@@ -34,26 +33,6 @@ MAX_NEGATIVE_PERCENT = 2.5  # of the time; by chance, a 95 % band lies below the
 MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 MAX_REASONS = 3
-# Faults that make every method without a reference wrong.
-LOOP_FAULTS = ("loop-bias", "feedback")
-# Faults that make the stiffness doubtful, the worst first.
-DOUBTFUL_FAULTS = (
-    "clipped-angle",
-    "clipped-torque",
-    "sampling-rate",
-    "narrow-excitation",
-    "weak-answer",
-    "slow-answer",
-    "delay",
-    "drift",
-    "scattered-realizations",
-    "misaligned-realizations",
-    "mean-angle",
-    "mean-torque",
-    "lost-torque",
-    "gaps",
-    "mains",
-)
 UNPREDICTED = (
     "The model predicts none of the torque of held-out realizations. Check the channels (--angle, "
     "--torque), or record more."
@@ -272,9 +251,7 @@ def judge_trust(
     found = diagnosis.findings if isinstance(diagnosis, Diagnosis) else ()
     faults = {each.name: each for each in found}
     has_reference = any(item.kind == "reference" for item in method.inputs)
-    loop = (
-        [] if has_reference else [_reason(faults[name]) for name in LOOP_FAULTS if name in faults]
-    )
+    loop = [] if has_reference else [_reason(each) for each in _of_severity(faults, "closed loop")]
     wrong = _invalidating_fault(model, faults)
     # With a wrong period, any channel seems to move the joint.
     if not has_reference and "wrong-period" not in faults:
@@ -305,14 +282,14 @@ def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str
     Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
     another signal in place of the torque, make it much softer.
     """
-    names = [name for name in INVALIDATING_FAULTS if name in faults]
-    if names[:2] == ["torque-unit", "angle-unit"]:
-        is_degrees = math.degrees(faults["torque-unit"].value) > MIN_STIFFNESS
-        names = names[1:] if is_degrees else names
-    if not names and (mean := mean_of(model.stiffness)) < 0:
+    invalid = _of_severity(faults, "invalid")
+    if [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]:
+        is_degrees = math.degrees(invalid[0].value) > MIN_STIFFNESS
+        invalid = invalid[1:] if is_degrees else invalid
+    if not invalid and (mean := mean_of(model.stiffness)) < 0:
         what = f"the mean stiffness is {mean:.3g} N·m/rad"
         return [_reason(Finding("reversed-torque", mean, what))]
-    return [_reason(faults[name]) for name in names[:1]]
+    return [_reason(each) for each in invalid[:1]]
 
 
 def _possible_faults(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
@@ -327,12 +304,18 @@ def _possible_faults(model: Model, method: Method, faults: Mapping[str, Finding]
                 "band. No stretch reflex has a negative gain. Compare with a method with one "
                 "pathway (--method kbr)."
             )
-    if "reflex" in faults and has_one_pathway(method, model):
-        reflex = faults["reflex"]
+    reflexes = _of_severity(faults, "one pathway") if has_one_pathway(method, model) else []
+    for reflex in reflexes:
         yield f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}."
-    for found in (faults[name] for name in DOUBTFUL_FAULTS if name in faults):
+    for found in [*_of_severity(faults, "serious"), *_of_severity(faults, "doubtful")]:
         if found.name != "delay" or abs(found.value) > MAX_DELAY_MS:
             yield _reason(found)
+
+
+def _of_severity(faults: Mapping[str, Finding], severity: str) -> list[Finding]:
+    """Return the faults of a severity in the order of the report: causes before effects."""
+    names = [name for name, fault in FAULTS.items() if fault.severity == severity]
+    return [faults[name] for name in names if name in faults]
 
 
 def _reason(finding: Finding) -> str:

@@ -16,7 +16,7 @@ from tvsysid.methods import METHODS, KernelRegression, from_text, key_of, parse
 from tvsysid.methods.base import Method, reason_to_skip
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
-from tvsysid.quality import Diagnosis, diagnose, find_reference
+from tvsysid.quality import FAULTS, Diagnosis, diagnose, find_reference
 from tvsysid.quality.fit import lowered
 from tvsysid.signals import Ensemble, check_ensemble
 
@@ -28,14 +28,6 @@ MIN_INFORMATION = 2.0  # realizations at a signal-to-noise ratio of 0 dB
 CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
 LOW_STIFFNESS = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise_bias:.0f}} % lower"
 RECORD_REFERENCE = "Record the disturbance or the actuator's command"
-# Faults that make every method's stiffness wrong, the cause of others first.
-INVALIDATING_FAULTS = (
-    "same-channel",
-    "torque-unit",
-    "angle-unit",
-    "reversed-torque",
-    "wrong-period",
-)
 
 
 @attrs.frozen
@@ -88,7 +80,7 @@ RULES = (
         "the joint follows {scheduling!r}, which was recorded and differs between realizations",
     ),
     Rule(
-        lambda data: bool(data.faults.intersection(INVALIDATING_FAULTS)),
+        lambda data: any(FAULTS[name].severity == "invalid" for name in data.faults),
         (),
         "the data have a fault that makes every method's stiffness wrong. tv.diagnose(ensemble) "
         "(tvsysid inspect --diagnose) names it, and says what to do",

@@ -80,7 +80,7 @@ def bootstrap(method: Method, ensemble: Ensemble, count: int, seed: int) -> Boot
     The band is the estimate from all realizations plus and minus a multiple of the standard
     deviation over draws. This needs some 100 draws, where percentiles need 1000. It also covers
     better: bands of percentiles are too narrow with few realizations, and shift with the bias of
-    the draws (docs/uncertainty.md has figures).
+    the draws.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ def explore(
     Examples
     --------
     >>> import tvsysid as tv
-    >>> tv.explore("ankle.mat", angle="pos", torque="tq", period=2.0)  # doctest: +SKIP
+    >>> tv.explore("ankle.mat", angle="angle", torque="torque", period=2.0)  # doctest: +SKIP
     Exploration(http://127.0.0.1:45219/v2VwJqQ6dRkB1mfX/)
     """
     own = {name: settings.pop(name) for name in attrs.fields_dict(Reading) if name in settings}

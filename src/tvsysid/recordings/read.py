@@ -84,8 +84,8 @@ def read_recording(path: str | Path, reading: Reading | None = None, **settings:
     >>> import numpy as np, tempfile
     >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     np.savez(f"{folder}/ankle.npz", pos=angle, tq=80 * angle)
-    ...     read_recording(f"{folder}/ankle.npz", angle="pos", torque="tq", sampling_rate=100)
+    ...     np.savez(f"{folder}/ankle.npz", angle=angle, torque=80 * angle)
+    ...     read_recording(f"{folder}/ankle.npz", angle="angle", torque="torque", sampling_rate=100)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """
     file, reading = Path(path), reading or Reading(**settings)
@@ -157,8 +157,8 @@ def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     files = [f"{folder}/{trial}.npz" for trial in ("first", "second")]
     ...     for file in files:
-    ...         np.savez(file, pos=angle, tq=80 * angle)
-    ...     read_trials(files, angle="pos", torque="tq", sampling_rate=100).trial_starts
+    ...         np.savez(file, angle=angle, torque=80 * angle)
+    ...     read_trials(files, angle="angle", torque="torque", sampling_rate=100).trial_starts
     (0, 2000)
     """
     if isinstance(paths, (str, Path)):

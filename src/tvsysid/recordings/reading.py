@@ -79,9 +79,9 @@ class Reading:
     --------
     >>> import numpy as np, tempfile, tvsysid as tv
     >>> angle = 0.02 * np.sin(np.arange(2000) / 50)
-    >>> reading = Reading(angle="pos", torque="tq", sampling_rate=100)
+    >>> reading = Reading(angle="angle", torque="torque", sampling_rate=100)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     np.savez(f"{folder}/ankle.npz", pos=angle, tq=80 * angle)
+    ...     np.savez(f"{folder}/ankle.npz", angle=angle, torque=80 * angle)
     ...     tv.read_recording(f"{folder}/ankle.npz", reading)
     Recording(20 s at 100 Hz; angle RMS 0.0142 rad, torque RMS 1.14 N·m)
     """

@@ -25,7 +25,8 @@ def save_settings(file: Path, reading: Reading, segmentation: Segmentation) -> P
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "ankle.mat")
-    ...     path = save_settings(file, Reading(angle="pos", torque="tq"), Segmentation(period=2.0))
+    ...     reading = Reading(angle="angle", torque="torque")
+    ...     path = save_settings(file, reading, Segmentation(period=2.0))
     ...     saved_settings(path)["period"]
     2.0
     """

@@ -191,7 +191,7 @@ class Experiment(StudySettings):
         if self.participants and self.reading is None:
             raise InputError(
                 "reading: files need it: which channels are angle and torque, and the sampling "
-                "rate, as in reading = {angle = 'pos', torque = 'tq', sampling_rate = 1000}"
+                "rate, as in reading = {angle = 'angle', torque = 'torque', sampling_rate = 1000}"
             )
         if not (self.recordings and self.analyses):
             raise InputError(

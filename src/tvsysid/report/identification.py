@@ -49,7 +49,7 @@ def write_identification(
     command
         What was typed, if it is to be mentioned.
     source
-        Origin of the data, as rows of a table (``{"file": "ankle.mat", "angle": "channel angle"}``).
+        Origin of the data, as rows of a table (``{"file": "ankle.mat", "angle": "angle"}``).
     corrections
         Corrections when the file was read (``["the torque's sign was reversed"]``).
     figures

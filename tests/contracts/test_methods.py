@@ -91,7 +91,7 @@ def model_of(method, *data):
     return method.identify(ensemble_of(*data))
 
 
-EVERY = {name: (method, name in SECONDS or " " in name) for name, method in METHODS.items()}
+EVERY = {name: (each, name in SECONDS) for name, each in METHODS.items() if " " not in name}
 EVERY |= {other.key: (other(), True) for other in OTHER_DATA}
 EVERY |= {toy.__name__: (toy(), False) for toy in TOYS}
 

@@ -51,6 +51,7 @@ def test_methods_that_cannot_be_compared(methods, message):
         tv.compare(ensemble_of(), methods)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 def test_by_default_other_methods_check_adaptive():
     assert list(tv.compare(ensemble_of(20.0)).models) == ["adaptive", "sds"]

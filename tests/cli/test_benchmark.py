@@ -53,7 +53,11 @@ def test_benchmark(benchmark, tvsysid, tmp_path, request):
             "benchmark --preset paper --trials 4 --method birf",
             "4 trials of each of 12 scenarios, seed 0: 48 identifications",
         ),
-        ("experiment --virtual 1 --method sds", "100 draws, seed 0: 400 identifications"),
+        pytest.param(
+            "experiment --virtual 1 --method sds",
+            "100 draws, seed 0: 400 identifications",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_dry_run_runs_nothing(tvsysid, tmp_path, command, said):

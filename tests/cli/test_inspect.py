@@ -6,6 +6,7 @@ from tests.cli.conftest import IDENTIFY, rows_of
 from tvsysid.cli.options import rate_options
 
 
+@pytest.mark.slow
 def test_inspect_lists_and_draws(tvsysid, tmp_path):
     tvsysid("simulate joint.mat --duration 4")
     code, out, err = tvsysid("inspect joint.mat")

@@ -60,28 +60,36 @@ MODULES = {
     ): file
     for file in FILES
 }
-IMPORTED = {
-    module: modules_imported(ast.parse(file.read_text(encoding="utf-8")))
-    for module, file in MODULES.items()
-}
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_imports_run_down(module):
-    upward = [each for each in IMPORTED[module] if FLOOR[room_of(each)] > FLOOR[room_of(module)]]
-    assert not upward
+@pytest.fixture(scope="module")
+def imports():
+    return {
+        module: modules_imported(ast.parse(file.read_text(encoding="utf-8")))
+        for module, file in MODULES.items()
+    }
+
+
+def test_imports_run_down(imports):
+    upward = [
+        (module, each)
+        for module, imported in imports.items()
+        for each in imported
+        if FLOOR[room_of(each)] > FLOOR[room_of(module)]
+    ]
+    assert upward == []
 
 
 @pytest.mark.parametrize("name", [str, room_of], ids=["files", "rooms"])
-def test_imports_make_no_circle(name):
+def test_imports_make_no_circle(imports, name):
     graph = collections.defaultdict(set)
-    for module, imported in IMPORTED.items():
+    for module, imported in imports.items():
         graph[name(module)] |= set(map(name, imported)) - {name(module)}
     graphlib.TopologicalSorter(graph).prepare()
 
 
-def test_truth_cannot_leak_into_an_estimator():
-    for module, imported in IMPORTED.items():
+def test_truth_cannot_leak_into_an_estimator(imports):
+    for module, imported in imports.items():
         if room_of(module) == "methods":
             assert "simulate" not in map(room_of, imported)
 

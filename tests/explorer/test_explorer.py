@@ -177,6 +177,7 @@ def test_the_page_is_built(file, recording):
     assert 'id="angle"' not in page(Settings(recording), {})
 
 
+@pytest.mark.slow
 def test_an_outcome_in_words_in_a_picture_and_in_numbers(found):
     html = shown(found)
     assert "<p>birf:max_lag=0.2,reference=command: stiffness " in html

@@ -88,6 +88,7 @@ def test_points_are_the_summary_with_standard_errors(figure, summary):
     assert [axes.get_yscale() for axes in metrics(figure)[:2]] == ["linear", "log"]
 
 
+@pytest.mark.slow
 def test_a_failed_trial_leaves_the_others_and_a_failed_method_says_so():
     results = fail(results_of([("square", "noise", 40.0, 10.0)], ("sds", "esm"), 3), "esm", 1, "no")
     mean = over_time(compared(results), 2)[0, 1].lines[1].get_ydata()

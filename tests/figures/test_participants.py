@@ -99,6 +99,7 @@ def test_without_truth_and_target_neither_is_mentioned():
     assert len(figure.axes) == 2 * 2
 
 
+@pytest.mark.slow
 def test_details_of_a_participant(results):
     figure = participant_in_detail(results, "P2", "P2")
     draw(figure)
@@ -153,6 +154,7 @@ def values(summary, perturbation, metric, method, amount):
     return rows.value.to_numpy()
 
 
+@pytest.mark.slow
 def test_bars_whiskers_and_dots_are_the_participants(experiment):
     figure = variance_and_spread(experiment.summary, "Spread")
     draw(figure)

@@ -257,7 +257,7 @@ def test_emg_drives_the_reflex():
         tv.AdaptiveRegression(emg="soleus").identify(ensemble)
 
 
-@pytest.mark.parametrize("reflex_gain", [0.0, 8.0])
+@pytest.mark.parametrize("reflex_gain", [0.0, pytest.param(8.0, marks=pytest.mark.slow)])
 def test_a_refit_keeps_what_the_whole_found_and_predicts_as_well(reflex_gain, monkeypatch):
     square = tv.simulate.SquareWave()
     ensemble = reflex_ensemble(40.0, snr_db=10, stiffness=square, reflex_gain=reflex_gain)

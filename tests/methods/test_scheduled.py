@@ -190,7 +190,7 @@ def test_the_orders_are_chosen_by_what_folds_predict(noisy):
     assert (given["order"], given["reflex_order"]) == (3, 1)
 
 
-@pytest.mark.parametrize("key", ["lpv", "lpvkbi"])
+@pytest.mark.parametrize("key", [pytest.param("lpv", marks=pytest.mark.slow), "lpvkbi"])
 @pytest.mark.parametrize(("width", "allowed"), [(0.1, 1.5), (0.03, 4.0)])
 def test_a_stiffness_that_no_parabola_follows_is_followed_or_told(key, width, allowed):
     """A sigmoid of independently simulated data, from which order 2 is off by 6 and 13 N·m/rad."""

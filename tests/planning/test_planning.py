@@ -78,6 +78,7 @@ def test_a_pilot_with_a_reversed_torque_is_refused():
         Protocol.of(attrs.evolve(ensemble, torque=-ensemble.torque))
 
 
+@pytest.mark.slow
 def test_the_reflex_of_a_pilot_is_simulated_and_its_bias_counts():
     pilot = Protocol.of(Protocol(system="reflex", snr_db=25).simulated(40, 1).ensemble)
     assert pilot.system.reflex_gain.values.mean() == pytest.approx(8, rel=0.15)

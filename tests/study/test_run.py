@@ -100,6 +100,7 @@ def test_a_plan_tells_number_and_time():
     assert 0 < seconds < 60
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_while_answers_are_found_is_told_in_one_line():
     message = "Run the same command again to resume"
     with pytest.raises(tv.InputError, match=message), in_processes(os._exit, [1, 1], 2) as found:

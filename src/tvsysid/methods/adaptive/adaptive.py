@@ -12,8 +12,9 @@ from tvsysid.errors import InputError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage, average
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
-from tvsysid.methods.adaptive.regression import A, FreeRegression, Signals, V, pooling_reach
+from tvsysid.methods.adaptive.regression import A, FreeRegression, Signals, V
 from tvsysid.methods.adaptive.search import CurveModel
+from tvsysid.methods.adaptive.whitening import pooling_reach
 from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Selection
@@ -22,6 +23,7 @@ from tvsysid.signals import Ensemble
 
 MIN_REALIZATIONS = 4
 MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # at which a realization has derivatives
+MAX_TURNS = 3  # in which stiffness and viscosity are estimated, each beside the other
 
 Hypotheses = Mapping[str, Sequence[Hypothesis]]  # by quantity
 
@@ -163,8 +165,10 @@ class AdaptiveRegression(base.Method):
         """
         if not isinstance(model, AdaptiveModel) or self.skip(ensemble):
             return self.identify(ensemble)
-        reflex, search = model.reflex, JointCascade(emg=self.emg).search(ensemble)
-        selection = None if reflex is None else search.refit(reflex.hyperparameters)
+        selection = None
+        if model.reflex is not None:
+            search = JointCascade(emg=self.emg).search(ensemble)
+            selection = search.refit(model.reflex.hyperparameters)
         return self._fit_in_turn(ensemble, selection, model.hypotheses)
 
     def _fit_in_turn(
@@ -173,16 +177,17 @@ class AdaptiveRegression(base.Method):
         """Return the model. If there are known hypotheses, no others are searched for.
 
         Stiffness is estimated beside a constant viscosity, then viscosity beside this stiffness.
-        While viscosity probably changes, both are estimated again, each beside the other, at most
-        twice. The last time, the hypotheses are those of the time before. With a reflex, only
+        While viscosity probably changes, both are estimated again, each beside the other, in at
+        most three turns. The third turn searches for no further hypotheses. With a reflex, only
         stiffness is estimated: the viscosity is that of the reflex's model.
         """
         signals = Signals.of_second_order(ensemble)
         if selection is not None:
             signals = Signals.with_reflex(ensemble, selection)
-        free, found = FreeRegression(ensemble, signals), dict[str, ModelAverage]()
-        for is_last in (False, False, True):
-            if is_last:
+        free = FreeRegression(ensemble, signals)
+        found = dict[str, ModelAverage]()
+        for turn in range(1, MAX_TURNS + 1):
+            if turn == MAX_TURNS:
                 known = known or {quantity: each.hypotheses for quantity, each in found.items()}
             viscosity = found["viscosity"].mixture if found else None
             found["stiffness"] = average(free.stiffness(viscosity), known.get("stiffness", ()))
@@ -213,8 +218,11 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
 
 def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage]) -> AdaptiveModel:
     """Return the model with the posterior of stiffness, and of viscosity if there is no reflex."""
-    ensemble, signals, times = free.ensemble, free.signals, free.axis.times
-    rate, reflex = ensemble.sampling_rate, signals.reflex
+    ensemble = free.ensemble
+    signals = free.signals
+    times = free.axis.times
+    rate = ensemble.sampling_rate
+    reflex = signals.reflex
     # Degrees of freedom: the strength of the noise is estimated from the samples it is pooled over,
     # less two for viscosity and inertia.
     pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)

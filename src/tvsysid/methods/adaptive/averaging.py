@@ -87,8 +87,11 @@ class CurvePosterior(NamedTuple):
     @classmethod
     def of(cls, model: CurveModel, positions: Array) -> CurvePosterior:
         """Return the posterior over time for sets of positions (set, switch) of the switches."""
-        smooth, each, shape = model.smooth, positions.ravel(), positions.shape
-        steps, true_steps = smooth.steps(each), smooth.estimate.axis.steps(each)
+        smooth = model.smooth
+        each = positions.ravel()
+        shape = positions.shape
+        steps = smooth.steps(each)
+        true_steps = smooth.estimate.axis.steps(each)
         shapes = true_steps - smooth.features @ steps.explained
         shapes = shapes.reshape(len(shapes), *shape).swapaxes(0, 1)
         # Products of the switches within each set
@@ -113,14 +116,18 @@ def components(model: CurveModel, weight: float, best: CurvePosterior) -> Array:
     are at their most probable positions, where ``best`` has all of them. The number of components
     grows with the ``weight`` of the model.
     """
-    axis, own = model.smooth.estimate.axis, model.positions
+    axis = model.smooth.estimate.axis
+    own = model.positions
     if not len(own):
         return np.stack([best.means, best.variances])
     apart = np.abs(axis.offset(np.arange(axis.times)[:, None], own))
-    nearest, count = np.argmin(apart, axis=1), max(4, round(MAX_COMPONENTS * weight))
-    out, shares = np.empty((2, axis.times, count)), (np.arange(count) + 0.5) / count
+    nearest = np.argmin(apart, axis=1)
+    count = max(4, round(MAX_COMPONENTS * weight))
+    out = np.empty((2, axis.times, count))
+    shares = (np.arange(count) + 0.5) / count
     for index, (window, probabilities) in enumerate(model.possible_positions):
-        rows, positions = nearest == index, np.tile(own, (count, 1))
+        rows = nearest == index
+        positions = np.tile(own, (count, 1))
         quantiles = np.searchsorted(np.cumsum(probabilities)[:-1], shares)
         positions[:, index] = window[quantiles]
         moved = CurvePosterior.of(model, positions)
@@ -150,7 +157,8 @@ class ModelAverage:
         weights = softmax([each.evidence for each in models[:MAX_MODELS]])
         weights = weights[weights >= MIN_WEIGHT]
         weights /= weights.sum()
-        kept, size = models[: len(weights)], models[0].smooth.estimate.size
+        kept = models[: len(weights)]
+        size = models[0].smooth.estimate.size
         curves = [CurvePosterior.of(each, each.positions[None]) for each in kept]
         parts = list(map(components, kept, weights, curves))
         counts = [part.shape[2] for part in parts]
@@ -173,7 +181,8 @@ class ModelAverage:
 
     def arc(self) -> float:
         """Return the length that widens simultaneous bands (``arc_length``), of the best model."""
-        smooth, best = self.models[0].smooth, self.curves[0]
+        smooth = self.models[0].smooth
+        best = self.curves[0]
         features = np.hstack([smooth.features, best.shapes[0]])
         return arc_length(features, block_diag(np.eye(len(smooth.mean)), best.covariance[0]))
 
@@ -234,7 +243,8 @@ def refined_sets(rough: Iterable[CurveModel]) -> list[CurveModel]:
     for each in rough:
         refined = each.refined()
         for switches in (refined, refined.without_doubles()):
-            own, offset = switches.positions, switches.smooth.estimate.axis.offset
+            own = switches.positions
+            offset = switches.smooth.estimate.axis.offset
             as_many = (known.positions for known in out if len(known.positions) == len(own))
             if not any((np.abs(offset(known, own)) < MAX_OFFSET).all() for known in as_many):
                 out.append(switches)
@@ -267,7 +277,8 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
 
 def weigh(smooths: Sequence[SmoothFit], sets: Iterable[CurveModel]) -> list[CurveModel]:
     """Return the models of every smooth part, set and size prior, with their evidence."""
-    estimate, out = smooths[0].estimate, list[CurveModel]()
+    estimate = smooths[0].estimate
+    out = list[CurveModel]()
     for switches in sets:
         steps = estimate.steps(switches.positions)
         beside = [smooth.beside(steps) for smooth in smooths]

@@ -115,7 +115,8 @@ class FreeEstimate:
         """Return steps at positions, before any smooth part is fitted."""
         columns = self.whitener @ self.axis.steps(positions, recorded=True)
         products = self.white.T @ columns
-        none, power = np.zeros((0, len(positions))), np.sum(columns**2, axis=0)
+        none = np.zeros((0, len(positions)))
+        power = np.sum(columns**2, axis=0)
         return Steps(positions, columns, products[:-1], none, power, products[-1])
 
     @cached_property
@@ -127,7 +128,8 @@ class FreeEstimate:
 
         @cache
         def steps(centre: int, spacing: float, reach: float) -> Steps:
-            axis, count = self.axis, round(reach / spacing)
+            axis = self.axis
+            count = round(reach / spacing)
             positions = centre + spacing * np.arange(-count, count + 1.0)
             if axis.periodic:
                 return self.steps(np.mod(positions, axis.times))
@@ -177,7 +179,8 @@ class SmoothFit:
 
     def scores_of(self, switches: Steps) -> Array:
         """Return the score with switches for each prior of their sizes, shape (size prior,)."""
-        gram, cross = switches.products(switches)[None], switches.cross[None]
+        gram = switches.products(switches)[None]
+        cross = switches.cross[None]
         return self.score + switch_evidence(self.estimate.axis, gram, cross)[:, 0]
 
     def scores_with(self, switches: Steps, further: Steps) -> Array:
@@ -185,7 +188,8 @@ class SmoothFit:
 
         They are -inf where a further switch is too close.
         """
-        axis, gram = self.estimate.axis, switches.products(switches)[None]
+        axis = self.estimate.axis
+        gram = switches.products(switches)[None]
         more = switches.products(further), further.power, further.cross
         evidence = switch_evidence(axis, gram, switches.cross[None], more)
         distances = np.abs(axis.offset(switches.positions[:, None], further.positions))
@@ -238,19 +242,26 @@ def switch_evidence(
         (candidate,), and their products with the estimate (candidate,). They update all terms by a
         row and a column of A.
     """
-    prior_precision, count = np.square(SWITCH_SIZES)[:, None] ** -1.0, cross.shape[-1]
+    prior_precision = np.square(SWITCH_SIZES)[:, None] ** -1.0
+    count = cross.shape[-1]
     covariance = size_covariances(gram)  # A⁻¹
-    mean, ones = (covariance @ cross[..., None])[..., 0], covariance.sum(axis=-1)
-    square, total, variance = np.sum(mean * cross, axis=-1), mean.sum(axis=-1), ones.sum(axis=-1)
-    log_determinant = -np.linalg.slogdet(covariance)[1]
+    mean = (covariance @ cross[..., None])[..., 0]  # A⁻¹ g
+    row_sums = covariance.sum(axis=-1)  # A⁻¹ 1
+    square = np.sum(mean * cross, axis=-1)  # gᵀ A⁻¹ g
+    total = mean.sum(axis=-1)  # 1ᵀ A⁻¹ g
+    variance = row_sums.sum(axis=-1)  # 1ᵀ A⁻¹ 1
+    log_determinant = -np.linalg.slogdet(covariance)[1]  # log |A|
     if further is not None:
-        (mixed, power, own_cross), count = further, count + 1
+        mixed, power, own_cross = further
+        count += 1
+        # The same terms, after the set is regressed out of the candidate and of the column of ones
         explained = np.sum(covariance[:, 0] @ mixed * mixed, axis=1)
-        precision = np.maximum(power - explained, 0.0) + prior_precision  # of the candidate's size
-        # What the set leaves of the candidate's product, and the candidate's part of the sum
-        own_cross, one = own_cross - mean[:, 0] @ mixed, 1 - ones[:, 0] @ mixed
-        square, total = square + own_cross**2 / precision, total + own_cross * one / precision
-        variance = variance + one**2 / precision
+        precision = np.maximum(power - explained, 0.0) + prior_precision
+        own_cross = own_cross - mean[:, 0] @ mixed
+        own_one = 1 - row_sums[:, 0] @ mixed
+        square = square + own_cross**2 / precision
+        total = total + own_cross * own_one / precision
+        variance = variance + own_one**2 / precision
         log_determinant = log_determinant + np.log(precision)
     free = 0.5 * (square - log_determinant + count * np.log(prior_precision))
     free -= count * math.log(axis.times)
@@ -270,15 +281,18 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     """
     columns = np.hstack([estimate.steps(positions).columns, estimate.white])
     moments = Moments.of(columns.T @ columns, len(columns))
-    constant, variances = len(positions), np.zeros(columns.shape[1] - 1)
-    variances[:constant], variances[constant] = USUAL_SWITCH_SIZE**2, LEVEL**2
+    constant = len(positions)  # the columns are switches, constant, waves, estimate
+    variances = np.zeros(columns.shape[1] - 1)
+    variances[:constant] = USUAL_SWITCH_SIZE**2
+    variances[constant] = LEVEL**2
     count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
     waves = slice(constant + 1, constant + 1 + count)
     wave_variances = np.square(AMPLITUDES)[:, None]
     log_prior = math.log(WAVES_PROBABILITY) - count * math.log1p(WAVE_ODDS)
     for _ in range(min(MAX_WAVES, count)):
         own = np.flatnonzero(variances)
-        fit, mixed = solve(moments.take(own), 1 / variances[own]), moments.gram[own, waves]
+        fit = solve(moments.take(own), 1 / variances[own])
+        mixed = moments.gram[own, waves]
         explained = fit.inverse_factor @ mixed
         power = moments.gram.diagonal()[waves] - np.sum(explained**2, axis=0)
         evidence = column_evidence(power, moments.cross[waves] - fit.mean @ mixed, wave_variances)

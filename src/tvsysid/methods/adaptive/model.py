@@ -64,14 +64,18 @@ class MixtureError(StandardError):
     def _quantile(self, multiple: float) -> Array:
         """Return the quantile (time,) with the probability of Student's t below ``multiple``."""
         weights, means, variances = self.mixture
-        freedom, spreads = float(self.freedom[0]), np.sqrt(variances)
-        share, parts = ndtr(_as_normal(multiple, freedom)), means + spreads * multiple
-        low, high = parts.min(axis=1), parts.max(axis=1)
+        freedom = float(self.freedom[0])
+        spreads = np.sqrt(variances)
+        share = ndtr(_as_normal(multiple, freedom))
+        parts = means + spreads * multiple
+        low = parts.min(axis=1)
+        high = parts.max(axis=1)
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             apart = (middle[:, None] - means) / spreads
             below = ndtr(_as_normal(apart, freedom)) @ weights
-            low, high = np.where(below < share, middle, low), np.where(below < share, high, middle)
+            low = np.where(below < share, middle, low)
+            high = np.where(below < share, high, middle)
         return np.asarray((low + high) / 2)
 
 
@@ -99,7 +103,8 @@ class AdaptiveModel(Model):
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         if self.reflex is None:
             return super()._pathways(ensemble)
-        found, change = self.reflex.pathways(ensemble), self.stiffness - self.reflex.stiffness
+        found = self.reflex.pathways(ensemble)
+        change = self.stiffness - self.reflex.stiffness
         found["intrinsic"] = found["intrinsic"] + change * ensemble.derivatives()[0]
         return found
 
@@ -114,7 +119,8 @@ def switches_of(quantity: str, posterior: ModelAverage, missing: int, rate: floa
     The probability of a switch is that of all models with a switch nearby. The best of these models
     gives its time and size.
     """
-    rows, mixed = list[Switch](), posterior.models[: len(posterior.weights)]
+    rows = list[Switch]()
+    mixed = posterior.models[: len(posterior.weights)]
     estimate = mixed[0].smooth.estimate
     for rank, (model, curve) in enumerate(zip(mixed, posterior.curves, strict=True)):
         for index, position in enumerate(model.positions):
@@ -144,7 +150,8 @@ def describe_changes(model: AdaptiveModel) -> list[str]:
     lines, where = [], ""
     for each in model.switches:
         if each.quantity == "stiffness":
-            kind, share = "possible switch", f", probability {100 * each.probability:.0f} %"
+            kind = "possible switch"
+            share = f", probability {100 * each.probability:.0f} %"
             if each.probability > 0.5:
                 kind, where = "probable switch", " between switches"
             if each.probability >= CERTAIN:

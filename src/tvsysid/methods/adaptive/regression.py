@@ -11,13 +11,13 @@ from typing import NamedTuple, Self
 
 import attrs
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import toeplitz
 from scipy.ndimage import convolve1d
 
 from tvsysid.methods.adaptive.averaging import Mixture
 from tvsysid.methods.adaptive.evidence import FreeEstimate
 from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_FILTER_REACH, Axis
+from tvsysid.methods.adaptive.whitening import MISFIT_TIME, whitening_filters
 from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.cascade import JointCascade, JointCascadeModel, model_of
 from tvsysid.methods.cascade.search import Selection
@@ -29,9 +29,6 @@ from tvsysid.signals import Ensemble
 
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # low-pass below aliasing and the decimation filter
 MIN_POWER = 1e-9  # share of the mean power below which a signal counts as zero
-MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
-POOLED_TIME = 0.5  # s at least over which it is pooled, summed over all realizations but one
-MAX_PREDICTION = 0.25  # s before a sample from which its noise is predicted
 COLLINEAR = 1e-6  # share of power that is added where velocity and acceleration are collinear
 WHITE_SHARE = 0.01  # white noise that is added to the residual's covariance, in noise variances
 MISFIT_SHARE = 30.0  # the same where the residual is misfit
@@ -91,7 +88,8 @@ class Signals:
         intrinsic response lasts 40 ms to either side), the reflex's columns, and their derivatives
         by its shape.
         """
-        fit, data = selection.fit, selection.fit.data
+        fit = selection.fit
+        data = selection.fit.data
         first, count = data.starts[2] + 1, data.intrinsic_count  # first: after the inertia
         change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]  # of viscosity
         change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
@@ -126,14 +124,17 @@ class FreeRegression:
     whitens: bool
 
     def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
-        self.ensemble, self.signals = ensemble, signals
+        self.ensemble = ensemble
+        self.signals = signals
         at_times = np.ascontiguousarray(signals.columns.transpose(2, 0, 1))
         self.products = at_times @ at_times.transpose(0, 2, 1)
         recorded = ensemble.recorded_angle
         reach = USUAL_FILTER_REACH if recorded is None else DECIMATOR_REACH / recorded.shape[-1]
+        # A run is a series of realizations that follow each other in the record.
+        mostly_follow = 2 * len(ensemble.runs) <= len(ensemble)
         self.axis = Axis(
             len(at_times),
-            periodic=2 * len(ensemble.runs) <= len(ensemble) and not any(signals.edges),
+            periodic=mostly_follow and not any(signals.edges),
             filter_reach=reach,
             realizations=at_times.shape[-1],
         )
@@ -143,7 +144,8 @@ class FreeRegression:
 
     def stiffness(self, viscosity: Mixture | None) -> FreeEstimate:
         """Estimate stiffness beside a viscosity, which is a constant if it is None."""
-        signals, times = self.signals, self.axis.times
+        signals = self.signals
+        times = self.axis.times
         known, variance = np.zeros((2, times))
         if viscosity is not None:
             self.coefficients[V] = known = viscosity.mean()
@@ -164,8 +166,9 @@ class FreeRegression:
 
     def viscosity(self, stiffness: Mixture) -> FreeEstimate:
         """Estimate viscosity beside the stiffness that was estimated last."""
-        free, other = FreeCoefficient.of(V, *self.weighted), np.diag(stiffness.variance())
-        values = free.values(self.constants[1:], stiffness.mean())
+        free = FreeCoefficient.of(V, *self.weighted)
+        values = free.values(self.constants[1:], stiffness.mean())  # without the constant viscosity
+        other = np.diag(stiffness.variance())
         return self._estimate(V, values, free.error(self.covariance[1:, 1:], other, self.misfit[1]))
 
     def _solve(self, known: Array, precision: Array) -> FreeCoefficient:
@@ -185,7 +188,8 @@ class FreeRegression:
         eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
         kept = eigenvalues > MIN_POWER
         root = vectors[:, kept] / size[:, None] / np.sqrt(eigenvalues[kept])
-        self.constants, self.identifiable = root @ (root.T @ cross), bool(kept.all())
+        self.constants = root @ (root.T @ cross)
+        self.identifiable = bool(kept.all())
         # An approximate sandwich: noise has so many times the assumed strength for each constant.
         louder = np.sqrt(noise_weighted.gram.diagonal() / power)
         self.covariance = root @ root.T * np.outer(louder, louder)
@@ -202,7 +206,9 @@ class FreeRegression:
         residual's products with velocity show misfit, which whitening would amplify, the weights of
         G are almost those of white noise.
         """
-        signals, times, columns = self.signals, self.axis.times, self.signals.columns
+        signals = self.signals
+        times = self.axis.times
+        columns = signals.columns
         residual = columns[-1] - np.einsum("krt,kt->rt", columns[:-1], self.coefficients)
         covariance = residual.T @ residual / (signals.independent - 1)
         torque_power = float(self.products[:, -1, -1].mean()) / len(self.ensemble)
@@ -210,7 +216,8 @@ class FreeRegression:
 
         def filters_with(white_share: float) -> Array:
             more = covariance + white_share * noise * np.eye(times)
-            rate, periodic = self.ensemble.sampling_rate, self.axis.periodic
+            rate = self.ensemble.sampling_rate
+            periodic = self.axis.periodic
             return whitening_filters(more, signals.independent, rate, periodic)
 
         def weighted_by(filters: Array) -> Products:
@@ -268,7 +275,8 @@ class Products(NamedTuple):
 
         Those of the constants may be restricted to the ``low_band``.
         """
-        both, weights = columns[: V + 1], filters.T @ filters
+        both = columns[: V + 1]  # angle and velocity
+        weights = filters.T @ filters
         weighted = columns[V:] @ weights
         fixed = weighted[:-1]  # columns with constant coefficients
         if low_band:
@@ -278,18 +286,21 @@ class Products(NamedTuple):
         for own in (free_gram[U, U], free_gram[V, V]):
             np.fill_diagonal(own, floored(np.diag(own)))
         free_cross, mixed = (np.einsum("frt,irt->fit", both, each) for each in (weighted, fixed))
-        return cls(free_gram, free_cross, np.tensordot(fixed, columns[V:], ((1, 2), (1, 2))), mixed)
+        gram = np.einsum("irt,jrt->ij", fixed, columns[V:], optimize=True)
+        return cls(free_gram, free_cross, gram, mixed)
 
 
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``explaining`` (time, signal) holds the coefficient that fits each signal but the angle. The
-    torque is the last signal. The coefficient is the torque's, less those of the other regressors
-    times their constants, and less ``coupling`` (time, time) @ the other free coefficient.
-    ``covariance`` (time, time) is due to noise.
+    ``explaining`` (time, signal) holds the coefficient that fits each further signal: those after
+    the angle or after the velocity, up to the torque. The coefficient is the torque's, less those
+    of the other signals times their constants, and less ``coupling`` (time, time) @ the other free
+    coefficient. ``covariance`` (time, time) is due to noise. ``inertia`` is the index of the
+    acceleration among the signals.
     """
 
+    inertia: int
     explaining: Array
     coupling: Array
     covariance: Array
@@ -304,22 +315,22 @@ class FreeCoefficient(NamedTuple):
         inverse = covariance = root.T @ root
         if noise_weighted is not weighted:
             covariance = inverse @ noise_weighted.free_gram[signal, signal] @ inverse
+        explaining = inverse @ weighted.free_cross[signal, signal:].T
         coupling = inverse @ weighted.free_gram[signal, 1 - signal]
-        return cls(inverse @ weighted.free_cross[signal].T, coupling, covariance)
+        return cls(A - 1 - signal, explaining, coupling, covariance)
 
     def values(self, constants: Array, other: Array) -> Array:
-        """Return the coefficient for given last constants and the other free one (time,)."""
-        explaining = self.explaining[:, -1 - len(constants) :]
-        return np.asarray(explaining @ np.append(-constants, 1.0) - self.coupling @ other)
+        """Return the coefficient for given constants and the other free coefficient (time,)."""
+        return np.asarray(self.explaining @ np.append(-constants, 1.0) - self.coupling @ other)
 
     def error(self, constants: Array, other: Array, inertia: Array) -> Array:
         """Return the covariance (time, time) of the values.
 
-        ``constants`` is the covariance of the last constants, ``other`` (time, time) that of the
-        other free coefficient, and ``inertia`` (time, time) that of misfit of the inertia.
+        The covariances are those of the ``constants``, of the ``other`` free coefficient (time,
+        time), and of the misfit of the ``inertia`` (time, time).
         """
-        by_constants = self.explaining[:, -1 - len(constants) : -1]
-        by_inertia = self.explaining[:, A - V]
+        by_constants = self.explaining[:, :-1]
+        by_inertia = self.explaining[:, self.inertia]
         error = self.covariance + by_constants @ constants @ by_constants.T
         error += self.coupling @ other @ self.coupling.T
         return error + inertia * np.outer(by_inertia, by_inertia)
@@ -330,7 +341,8 @@ def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
 
     The expectation is that of noise that filters (time, time) make white.
     """
-    weights, squares = filters.T @ filters, signals.columns[V] ** 2
+    weights = filters.T @ filters
+    squares = signals.columns[V] ** 2
     power = squares.sum(axis=0) @ np.diag(weights) * signals.independent / len(residual)
     return float(np.sum(squares * (residual @ weights) ** 2) / power)
 
@@ -342,7 +354,8 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     the ``coefficients`` (regressor, time) is regressed on velocity and acceleration. Where there is
     misfit, the regression coefficients vary more than by chance.
     """
-    mixed, powers = products[:, V:, U], floored(np.einsum("tii->it", products))
+    mixed = products[:, V:, U]
+    powers = floored(np.einsum("tii->it", products))
     # Products of what is left of signals after a regression on the angle
     partial = products[:, V:, V:] - mixed[:, :, None] * mixed[:, None] / powers[U, :, None, None]
     # Weights of signals in the residual, and the residual's products with signals
@@ -353,48 +366,9 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     inverse = np.linalg.inv(partial[:, :2, :2] + ridge)
     change = inverse @ cross[:, :2]
     unexplained = np.sum(weights * cross, axis=1) - np.sum(change * cross[:, :2], axis=1)
-    change, variance = change[..., 0], np.einsum("tii->ti", inverse)
-    by_chance = variance * np.maximum(unexplained, 0.0) / max(independent - 5, 1)
-    return np.maximum(np.average(change**2 - by_chance, axis=0, weights=1 / variance), 0.0)
-
-
-def pooling_reach(independent: int, rate: float) -> int:
-    """Return the samples to either side over which the strength of the noise is pooled."""
-    return round(max(MISFIT_TIME, POOLED_TIME / (independent - 1)) * rate)
-
-
-def whitening_filters(covariance: Array, independent: int, rate: float, periodic: bool) -> Array:
-    """Return filters (time, time) that make noise of a covariance white, with unit variance.
-
-    They predict the noise from the samples before, and divide the prediction error by its strength,
-    which is pooled over time.
-    """
-    times = len(covariance)
-    lags = min(round(MAX_PREDICTION * rate), times // 4)
-    filters = prediction_errors(covariance, lags, independent)
-    reach = min(pooling_reach(independent, rate), (times - 1) // 2)
-    window, mode = np.ones(2 * reach + 1), "wrap" if periodic else "constant"
-    strength = convolve1d(np.sum(filters @ covariance * filters, axis=1), window, mode=mode)
-    strength /= convolve1d(np.ones(times), window, mode=mode)
-    return np.asarray(filters / np.sqrt(strength)[:, None])
-
-
-def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:
-    """Return filters (time, time) that give noise less its prediction, with the same variance.
-
-    The Bayesian information criterion gives the number of samples that predict the next one. The
-    first samples are predicted from the few before them.
-    """
-    times, counts = len(covariance), range(1, lags + 2)
-    summed = np.einsum("ttij->ij", sliding_window_view(covariance, (lags + 1, lags + 1)))
-    # The last column of the inverse gives the weights, and the prediction error's precision.
-    filters = [np.linalg.solve(summed[-each:, -each:], np.eye(each)[-1]) for each in counts]
-    samples = independent * (times - lags)
-    criterion = np.log(samples) * np.array(counts) - samples * np.log(
-        [each[-1] for each in filters]
-    )
-    best, out = int(np.argmin(criterion)), np.zeros((times, times))
-    for time in range(times):
-        own = filters[min(time, best)]
-        out[time, time + 1 - len(own) : time + 1] = own / np.sqrt(own[-1])
-    return out
+    variance = np.einsum("tii->ti", inverse)
+    # With f degrees of freedom, the noise variance is unexplained / f. By chance, change**2 has the
+    # mean of Student's t squared, f / (f - 2). f is less by three, for angle and both signals.
+    by_chance = variance * np.maximum(unexplained, 0.0) / max(independent - 3 - 2, 1)
+    excess = change[..., 0] ** 2 - by_chance
+    return np.maximum(np.average(excess, axis=0, weights=1 / variance), 0.0)

@@ -72,10 +72,12 @@ class CurveModel(NamedTuple):
 
         Positions that are tried have a ``spacing`` and a distance of up to ``reach`` samples.
         """
-        smooth, own = self.smooth, self.smooth.steps(self.positions)
+        smooth = self.smooth
+        own = self.smooth.steps(self.positions)
         size_prior = int(smooth.scores_of(own).argmax())
         for _ in range(MAX_SWEEPS if len(self.positions) > 1 else 1):
-            before, possible_positions = own.positions, list[tuple[Array, Array]]()
+            before = own.positions
+            possible_positions = list[tuple[Array, Array]]()
             for position in before:  # which is now the first switch, and is then the last
                 others = own.take(slice(1, None))
                 window = smooth.beside(smooth.estimate.window(round(position), spacing, reach))
@@ -137,8 +139,11 @@ def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
 
 def best_change(model: CurveModel, grid: Grid) -> CurveModel:
     """Return the best model with one more switch, or with one switch at another position."""
-    smooth, every = model.smooth, np.arange(len(model.positions))
-    own, steps, options = smooth.steps(model.positions), smooth.beside(grid.steps), []
+    smooth = model.smooth
+    every = np.arange(len(model.positions))
+    own = smooth.steps(model.positions)
+    steps = smooth.beside(grid.steps)
+    options = []
     for kept in [*(np.delete(every, index) for index in every), every]:
         rest = own.take(kept)
         scores = smooth.scores_with(rest, steps).max(axis=0)
@@ -154,7 +159,8 @@ def joint_switches(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     switches that have little evidence one by one. A periodic axis is cut at the ``first`` position,
     with or without a switch there.
     """
-    times, periodic = estimate.axis.times, estimate.axis.periodic
+    times = estimate.axis.times
+    periodic = estimate.axis.periodic
     cut = round(first[0]) if periodic and len(first) else 0
     precision = np.sum(estimate.whitener**2, axis=0)
     edges = np.append(np.arange(0, times, -(-times // MAX_JOINT_POSITIONS)), times)
@@ -179,14 +185,18 @@ def search_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel]
     best score by one switch at a time. Beside a smooth part, it ends where no change raises the
     score, or where a gain as large as the last one would not give the best score of all.
     """
-    found, still_open, ended = list(first), list(first), set[bytes]()
-    gains = dict[SmoothFit, float]()  # of the last change beside each smooth part
-    while still_open:
-        still_open.sort(key=BY_SCORE)
-        model, best = still_open.pop(), max(map(BY_SCORE, found))
-        smooth, switches = model.smooth, model.positions.tobytes()
+    found = list(first)
+    open_models = list(first)
+    ended_at = set[bytes]()  # positions of the switches at which a search ended
+    gains = dict[SmoothFit, float]()  # of the last change, beside smooth parts that have begun
+    while open_models:
+        open_models.sort(key=BY_SCORE)
+        model = open_models.pop()  # the best
+        best = max(map(BY_SCORE, found))
+        smooth = model.smooth
+        switches = model.positions.tobytes()
         if smooth not in gains:  # its search begins, unless another one has ended at its switches
-            if switches in ended:
+            if switches in ended_at:
                 continue
             gains[smooth] = max(model.score - smooth.score, EXTRA_GAIN) + EXTRA_GAIN
         possible = model.score + min(gains[smooth], MAX_GAIN)
@@ -195,9 +205,9 @@ def search_switches(first: Sequence[CurveModel], grid: Grid) -> list[CurveModel]
             found.append(after)
             if after.score > model.score:
                 gains[smooth] = after.score - model.score
-                still_open.append(after)
+                open_models.append(after)
             else:
-                ended.add(switches)
+                ended_at.add(switches)
     empty = CurveModel(first[0].smooth, np.zeros(0))
     joint = [
         empty._replace(positions=positions, score=empty.score_at(positions))

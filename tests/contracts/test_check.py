@@ -66,7 +66,6 @@ def declares(**attributes):
     [
         Fit(),
         declares(skip=lambda self, ensemble: None if len(ensemble) > 5 else "it needs 6"),
-        *map(tv.methods.parse, tv.methods.PAPER_METHODS),
     ],
 )
 def test_good_methods_pass(method):

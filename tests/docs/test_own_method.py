@@ -10,19 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.docs.pages import blocks
 
 import tvsysid as tv
 
-PAGE = (Path(__file__).parents[2] / "docs" / "own-method.md").read_text(encoding="utf-8")
-
-
-def blocks(language):
-    found = re.findall(r"^```(\w*)\n(.+?)\n```$", PAGE, re.MULTILINE | re.DOTALL)
-    return [text for name, text in found if name == language]
-
-
-METHOD, SCRIPT, SCHEDULED = blocks("python")
-CHECK, BENCHMARK = blocks("")
+PAGE = "own-method.md"
+METHOD, SCRIPT, SCHEDULED = blocks(PAGE)
+CHECK, BENCHMARK = blocks(PAGE, "")
 PACKAGE = Path(tv.__file__).parents[1]
 
 
@@ -44,7 +38,7 @@ def words_of(command):
 def test_the_method_passes_as_the_page_shows(tvsysid, folder):
     code, out, err = tvsysid(*words_of(CHECK))
     assert code == 0, out + err
-    (shown,) = blocks("text")
+    (shown,) = blocks(PAGE, "text")
     for line, said in zip(out.splitlines(), shown.splitlines(), strict=True):
         # The figures may differ in their last digit from one machine to another.
         assert re.sub(r"\d+(\.\d+)?", "#", line) == re.sub(r"\d+(\.\d+)?", "#", said)
@@ -93,7 +87,7 @@ def test_the_script_compares_the_object(folder):
 @pytest.mark.usefixtures("undrawn")
 def test_the_method_that_reads_a_channel(tvsysid, folder):
     (folder / "scheduled.py").write_text(SCHEDULED, encoding="utf-8")
-    commands, benchmark = blocks("sh")
+    commands, benchmark = blocks(PAGE, "sh")
     check, *others = [
         *commands.splitlines(),
         f"{benchmark} --trials 1 --duration 20 --perturbation noise --workers 1",

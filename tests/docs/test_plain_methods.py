@@ -5,12 +5,11 @@ import re
 from pathlib import Path
 
 from benchmarks import plain
+from tests.docs.pages import DOCS, run, text_of
 
 import tvsysid as tv
 
-ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "plain-methods.md").read_text(encoding="utf-8")
-(EXAMPLE,) = re.findall(r"^```python\n(.+?)\n```$", PAGE, re.MULTILINE | re.DOTALL)
+PAGE = text_of("plain-methods.md")
 
 
 def test_the_page_shows_every_function_of_the_file():
@@ -30,6 +29,6 @@ def test_every_method_has_its_section():
 
 
 def test_the_example_runs(monkeypatch):
-    monkeypatch.chdir(ROOT)
+    monkeypatch.chdir(DOCS.parent)
     monkeypatch.syspath_prepend("")  # so that what the example adds to sys.path is taken away again
-    exec(EXAMPLE, {})
+    run("plain-methods.md")

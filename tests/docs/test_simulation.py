@@ -3,16 +3,15 @@
 import re
 import shlex
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from tests.docs.pages import blocks, text_of
 
 import tvsysid as tv
 
-TEXT = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text(encoding="utf-8")
-EXAMPLE, OWN = re.findall(r"^```python\n(.+?)\n^```", TEXT, re.MULTILINE | re.DOTALL)
+EXAMPLE, OWN = blocks("simulation.md")
 
 
 def test_the_example_runs():
@@ -28,7 +27,7 @@ def test_the_example_runs():
 def test_the_table_says_what_each_system_gives():
     rows = [
         [cell.strip() for cell in row.strip("|").split("|")]
-        for row in re.findall(r"^\| `\w+` \|.*$", TEXT, re.M)
+        for row in re.findall(r"^\| `\w+` \|.*$", text_of("simulation.md"), re.M)
     ]
     rows = [[kind, name, *others] for kind, names, *others in rows for name in names.split(", ")]
     assert {name for _, name, *_ in rows if name} == set(tv.simulate.SYSTEMS)
@@ -52,7 +51,7 @@ def test_ones_own_profile_perturbation_and_joint_are_simulated(
 ):
     (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
     monkeypatch.delitem(sys.modules, "mine", raising=False)
-    (commands,) = re.findall(r"^```\n(tvsysid .+?)\n^```", TEXT, re.MULTILINE | re.DOTALL)
+    (commands,) = blocks("simulation.md", "")
     _, *words = shlex.split(commands.splitlines()[number])
     more = ["--duration", "20", "--trials", "1", "--workers", "1"]
     more += [] if "birf" in words else ["--method", "birf"]

@@ -3,24 +3,9 @@
 import importlib
 import re
 import shlex
-from pathlib import Path
 
 import pytest
-
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-def blocks(page, language):
-    text = (DOCS / page).read_text(encoding="utf-8")
-    found = re.findall(r"^```(\w*)\n(.+?)\n^```", text, re.MULTILINE | re.DOTALL)
-    return [block for name, block in found if name == language]
-
-
-@pytest.mark.parametrize("page", ["formats.md", "cluster.md", "planning.md"])
-def test_the_example_runs(page, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (code,) = blocks(page, "python")
-    exec(code, {})
+from tests.docs.pages import DOCS, blocks, run, text_of
 
 
 @pytest.mark.slow
@@ -32,14 +17,11 @@ def test_five_minutes_from_a_file_to_a_picture(tvsysid, tmp_path):
         code, out, err = tvsysid(*shlex.split(command)[1:])
         assert code == 0, out + err
     assert (tmp_path / "tvsysid-identify" / "stiffness.csv").stat().st_size > 1000
-    (code,) = blocks("start.md", "python")
-    exec(code, {})
+    run("start.md")
 
 
 def test_options_of_protocols_are_there(tvsysid):
-    told = set(
-        re.findall(r"(?<![\w-])--[a-z][a-z-]+", (DOCS / "protocols.md").read_text(encoding="utf-8"))
-    )
+    told = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", text_of("protocols.md")))
     shown = "".join(tvsysid(command, "--help")[1] for command in ("identify", "inspect"))
     assert told
     assert not {option for option in told if option not in shown}
@@ -48,7 +30,7 @@ def test_options_of_protocols_are_there(tvsysid):
 def test_methods_of_the_decision_table_are_there():
     import tvsysid as tv
 
-    table = (DOCS / "which-method.md").read_text(encoding="utf-8").split("## The evidence")[0]
+    table = text_of("which-method.md").split("## The evidence")[0]
     words = set(
         re.findall(r"`((?:kbr|lpv|cascade|eirf|sds|birf|esm|adaptive)(?::[\w=,]+)?)`", table)
     )
@@ -59,8 +41,7 @@ def test_methods_of_the_decision_table_are_there():
 
 def test_every_page_is_in_a_section():
     lists = "\n".join(
-        (DOCS / f"{name}.md").read_text(encoding="utf-8")
-        for name in ("index", "how-to", "which-method", "reference")
+        text_of(f"{name}.md") for name in ("index", "how-to", "which-method", "reference")
     )
     listed = {
         line

@@ -5,7 +5,6 @@ On the command line, two of the methods, and no held-out VAF.
 All in this process: `test_own_method.py` has a script in a Python of its own.
 """
 
-import re
 import shlex
 import shutil
 from pathlib import Path
@@ -13,16 +12,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.docs.pages import blocks
 
 pytestmark = pytest.mark.slow
-
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-def blocks(page, language):
-    text = (DOCS / page).read_text(encoding="utf-8")
-    found = re.findall(r"^```(\w*)\n(.+?)\n```$", text, re.MULTILINE | re.DOTALL)
-    return [block for name, block in found if name == language]
 
 
 def fewer(text, bootstraps):
@@ -52,7 +44,7 @@ def folder(tvsysid, tmp_path, simulated):
 
 
 def test_the_python_tutorial_runs(folder):
-    codes = [fewer(code, "bootstraps=10") for code in blocks("tutorial-python.md", "python")]
+    codes = [fewer(code, "bootstraps=10") for code in blocks("tutorial-python.md")]
     main = codes[0].split('if __name__ == "__main__":')[1]
     assert len([line for line in main.splitlines() if line.strip()]) <= 10
     for code in codes:

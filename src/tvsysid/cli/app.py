@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -62,6 +63,8 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal may lack ± and ·
+    # Looking for garbage in reference cycles would take a tenth of the time of drawing.
+    gc.set_threshold(100_000)
     # Methods use one BLAS thread. Starting and stopping more would take 10 % of the time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.simplefilter("once", DataQualityWarning)

@@ -130,7 +130,7 @@ def write(
     workers: int | None = None,
 ) -> int:
     """Write tables, ensembles, figures and report, print a summary, and return the exit code."""
-    from tvsysid.studies.van_de_ruit_2021 import write_experiment
+    from tvsysid.studies.van_de_ruit_2021.experiment import write_experiment
 
     with errors.status("scoring and drawing"):
         written = write_experiment(results, prepared, out, command, workers)

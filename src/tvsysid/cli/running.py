@@ -6,7 +6,9 @@ import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from tvsysid.cli.console import errors, say, shown_progress
@@ -38,6 +40,8 @@ def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: 
             inputs["executor"] = client.get_executor(pure=False)
             count = count or sum(client.nthreads().values())
         advance = stack.enter_context(shown_progress("running"))
+        for module in ("xarray", "matplotlib.pyplot"):  # for the results; loaded while workers run
+            Thread(target=import_module, args=(module,)).start()
         return run(study, out, workers=count, progress=advance, **inputs)
 
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tvsysid import figures
 from tvsysid.errors import InputError
-from tvsysid.figures import draw_all, leaderboard
-from tvsysid.figures.saving import illustrated
+from tvsysid.figures.saving import draw_all, illustrated
 from tvsysid.methods import CLOSED_LOOP, METHODS
 from tvsysid.numerics import Array
 from tvsysid.recordings.write import write_table
@@ -180,7 +180,7 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     seed_text = f"tvsysid leaderboard {VERSION} seed {study.seed}"
     write_table(folder / FILES[1], table)
     picture = illustrated(
-        leaderboard,
+        figures.leaderboard,
         *(table, groups),
         title="Scores and errors",
         text="Left: rank, and score with two standard errors to either side. Right: error in each "

@@ -10,16 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import attrs
 
-from tvsysid.figures import (
-    METRICS,
-    METRICS_OF_PATHWAYS,
-    Illustration,
-    draw_all,
-    error_against,
-    method_comparison,
-)
+from tvsysid import figures
 from tvsysid.figures.results import scenario_traits
-from tvsysid.figures.saving import illustrated
+from tvsysid.figures.saving import Illustration, draw_all, illustrated
 from tvsysid.figures.words import described
 from tvsysid.quality import Diagnosis
 from tvsysid.recordings.write import write_table
@@ -122,7 +115,7 @@ class PublishedStudy:
                 title = f"Bias of the stiffness against the {self.size}, {name}"
                 text = "A line for each method, with standard errors."
                 shown[f"bias-{name}"] = illustrated(
-                    error_against, self.size, points, title=title, text=text
+                    figures.error_against, self.size, points, title=title, text=text
                 )
         return shown | self.further(results)
 
@@ -151,9 +144,10 @@ def comparison(results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str]
     """Return the figure of methods in a group of scenarios."""
     shown = labels[len(labels) // 2]
     rows = summary[summary.scenario.isin(labels)]
-    metrics = METRICS_OF_PATHWAYS if "reflex_gain" in results.quantity else METRICS
+    is_reflex = "reflex_gain" in results.quantity
+    metrics = figures.METRICS_OF_PATHWAYS if is_reflex else figures.METRICS
     return illustrated(
-        partial(method_comparison, metrics=metrics),
+        partial(figures.method_comparison, metrics=metrics),
         *(results.sel(method_key=rows.method.unique()), rows, shown, labels),
         title=f"Methods compared: {described(scenario_traits(results).loc[shown].to_dict())}",
         text=COMPARISON.format(shown),

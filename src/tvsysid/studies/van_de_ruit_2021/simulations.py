@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tvsysid.figures import Illustration, impulse_responses
+from tvsysid import figures
+from tvsysid.figures.saving import Illustration
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.models import IMPEDANCE
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_weights
@@ -210,7 +211,7 @@ def grouped(_: xr.Dataset, traits: pd.DataFrame) -> tuple[pd.Series, int]:
 def figure_of_responses(results: xr.Dataset) -> dict[str, Illustration]:
     """Return the figure for a study with a square wave."""
     shown = Illustration(
-        lambda: impulse_responses(example_responses(), RESPONSES_TITLE),
+        lambda: figures.impulse_responses(example_responses(), RESPONSES_TITLE),
         RESPONSES_TITLE,
         RESPONSES_TEXT,
     )

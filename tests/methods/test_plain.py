@@ -109,7 +109,6 @@ def test_low_rank_kernel_regression_equals_the_dense_one(monkeypatch, perturbati
     )
     # With every feature that rounding leaves, however faint: the same.
     monkeypatch.setattr("tvsysid.methods.kbr.kernel.TOLERANCE", 1e-15)
-    monkeypatch.setattr("tvsysid.methods.kbr.kbr.NEGLIGIBLE", 0.0)
     variance = method.identify(ensemble).diagnostics.details["noise_variance"]
     model, dense = kernel_solutions(ensemble, method, l2, variance)
     agree(model.stiffness, mean_over_realizations(dense.stiffness), 1e-6)

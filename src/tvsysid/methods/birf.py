@@ -161,8 +161,7 @@ class BasisIRF(shared.ByReference):
             sampling_rate=rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(over_time, errors),
-            coefficients=posterior.mean,
-            covariance=posterior.covariance,
+            posterior=posterior,
             labels=(*names, "inertia"),
             diagnostics=diagnostics,
         )

@@ -10,6 +10,7 @@ from tvsysid.arrays import read_only
 from tvsysid.dataset_layout import Labelled
 from tvsysid.models import Model
 from tvsysid.numerics import Array
+from tvsysid.numerics.gaussian import FittedWeights, Posterior
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.signals import Ensemble
 
@@ -74,13 +75,21 @@ class FrequencyResponseModel(Model):
 class SecondOrderModel(Model):
     """Stiffness, viscosity and inertia that are sums of known functions of time.
 
-    ``coefficients`` (coefficient,) is their posterior mean, and ``covariance`` that of the
-    posterior. ``labels`` name the function that each coefficient multiplies.
+    ``labels`` name the function that each coefficient multiplies.
     """
 
-    coefficients: Array = attrs.field(converter=read_only)
-    covariance: Array = attrs.field(converter=read_only)
+    posterior: Posterior | FittedWeights
     labels: tuple[str, ...]
+
+    @property
+    def coefficients(self) -> Array:
+        """Return the posterior mean of the coefficients (coefficient,)."""
+        return self.posterior.mean
+
+    @property
+    def covariance(self) -> Array:
+        """Return the posterior covariance of the coefficients (coefficient, coefficient)."""
+        return self.posterior.covariance
 
     def _further_variables(self) -> tuple[Labelled, Labelled]:
         variables: Labelled = {

@@ -165,14 +165,17 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     """
     # Columns are scaled to unit norm, and the prior is added to the diagonal.
     scale = 1 / np.sqrt(_powers(moments.gram))
-    system = np.multiply(moments.gram, scale, order="F")
-    system *= scale[:, None]
-    system.ravel(order="F")[:: len(system) + 1] += noise_variance * precision * scale**2
-    factor, failed = lapack.dpotrf(system, lower=1)
-    if failed:  # columns are numerically collinear
-        factor, failed = lapack.dpotrf(system + JITTER * np.diag(np.diag(system)), lower=1)
-        if failed:
-            raise np.linalg.LinAlgError("the posterior precision is not positive definite")
+    for jitter in (0.0, JITTER):  # with which columns may be numerically collinear
+        system = np.multiply(moments.gram, scale, order="F")
+        system *= scale[:, None]
+        diagonal = system.ravel(order="F")[:: len(system) + 1]
+        diagonal += noise_variance * precision * scale**2
+        diagonal += jitter * diagonal
+        factor, failed = lapack.dpotrf(system, lower=1, overwrite_a=1)
+        if not failed:
+            break
+    else:
+        raise np.linalg.LinAlgError("the posterior precision is not positive definite")
     mean = scale * lapack.dpotrs(factor, moments.cross * scale, lower=1)[0]
     inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
     inverse_factor *= scale

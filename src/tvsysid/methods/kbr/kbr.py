@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import attrs
@@ -12,7 +11,7 @@ import numpy as np
 from tvsysid.methods import base, responses, shared
 from tvsysid.methods.kbr import search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, clocks_of
-from tvsysid.methods.kbr.record import Runs, moments_of, runs_of, whitened
+from tvsysid.methods.kbr.record import moments_of, runs_of, whitened
 from tvsysid.methods.tuning import Evidence
 from tvsysid.models import Diagnostics
 from tvsysid.numerics.gaussian import (
@@ -36,9 +35,7 @@ PAPER_MODULUS = 100.0
 REWEIGHTED = 2
 CONVERGED = 1e-5  # relative change of the noise variance at which iterations stop
 ITERATIONS = 50  # maximum number of noise variances tried
-INITIAL_NOISE = 1e-3  # initial noise variance, as a share of the torque's power
-# prior variance of a weight's torque, over that of the noise, below which it is not fitted
-NEGLIGIBLE = 1e-2
+INITIAL_NOISE = 1e-2  # initial noise variance, as a share of the torque's power
 
 
 def _numbers(value: Any, count: int) -> bool:
@@ -163,18 +160,20 @@ class KernelRegression(shared.ByReference):
         ensembles = [ensemble] if self.reference is None else [ensemble, moved]
         kernel = Kernel.of(ensemble, self.length_periodic, self.length_decay)
         runs = runs_of(ensembles, kernel, self.band)
-        variances = np.broadcast_to(self.gamma, 3) * self._scale(runs, kernel) ** 2
+        moments = moments_of(runs, kernel)
+        variances = np.broadcast_to(self.gamma, 3) * self._scale(moments, kernel) ** 2
         # The cost of equation 16 gives a weight half the variance of its kernel.
         precision = np.outer(2 / variances, kernel.precision).ravel()
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         for remaining in range(reweighted, -1, -1):
-            posterior = fit(runs, kernel, precision)
+            posterior = fit(moments, precision)
             each = impedance_over(ensemble, kernel, posterior.mean)
             residuals = (torque - shared.second_order_torque(ensemble, each))[:, known]
             if remaining:
                 runs = whitened(runs, residuals)
+                moments = moments_of(runs, kernel)
         # If each run is a single realization, none has derivatives at its ends.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         impedance = each.mean(axis=0)
@@ -211,14 +210,13 @@ class KernelRegression(shared.ByReference):
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
             estimates=shared.impedance_estimates(impedance, errors),
-            coefficients=posterior.mean,
-            covariance=posterior.covariance,
+            posterior=posterior,
             labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE for j in range(kernel.columns)),
             kernel=kernel,
             diagnostics=Diagnostics(posterior.effective, details=details),
         )
 
-    def _scale(self, runs: Sequence[Runs], kernel: Kernel) -> float:
+    def _scale(self, moments: Moments, kernel: Kernel) -> float:
         """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
 
         Unlike the torque over the angle, the modulus at 1 Hz does not depend on the perturbation or
@@ -228,9 +226,8 @@ class KernelRegression(shared.ByReference):
             return self.scale
         # The first column of each signal is its constant. The last three signals are the angle, or
         # the one predicted from a reference, and its derivatives.
-        signals = (len(runs[0].spectra) - 1) // kernel.functions
-        constants = np.arange(signals - 3, signals) * kernel.columns
-        impedance = solve(moments_of(runs, kernel, constants), np.zeros(3)).mean
+        constants = np.arange(0, len(moments.cross), kernel.columns)[-3:]
+        impedance = solve(moments.take(constants), np.zeros(3)).mean
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
         return NM_PER_DEG / PAPER_MODULUS * float(modulus)
 
@@ -244,7 +241,8 @@ class KernelRegression(shared.ByReference):
         noise = endless.diagnostics.details["noise_variance"]
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         kernel = Kernel.of(ensemble, self.length_periodic, ENDLESS)
-        scale = self._scale(runs_of([ensemble], kernel, self.band), kernel)
+        runs = runs_of([ensemble], kernel, self.band)
+        scale = self._scale(moments_of(runs, kernel), kernel)
         variances = np.broadcast_to(self.gamma, 3) * scale**2
         theta = np.log([self.length_periodic, *variances, noise])
         given = search.Settings(self.length_decay, theta, "as given")
@@ -252,7 +250,7 @@ class KernelRegression(shared.ByReference):
         return search.evidence_of(tried, self, scale)
 
 
-def fit(runs: Sequence[Runs], kernel: Kernel, precision: Array) -> FittedWeights:
+def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
     r"""Fit the weights under a prior precision (column,) and find the noise variance they leave.
 
     .. math:: y = X w + e, \qquad e \sim N(0, \sigma^2 I), \qquad w \sim N(0, P^{-1}), \qquad
@@ -263,42 +261,9 @@ def fit(runs: Sequence[Runs], kernel: Kernel, precision: Array) -> FittedWeights
     half of that of the complex noise. The cost of equation 16 has no half before the priors, so
     that a weight has half the variance of its kernel.
 
-    A weight whose torque the prior keeps far below the noise is left out: it keeps the prior's mean
-    of 0 and its variance.
-    If the runs have twice as many columns as the prior, the second half are instruments
+    If the moments have twice as many columns as the prior, the second half are instruments
     (:func:`tvsysid.numerics.gaussian.by_instruments`).
     """
-    count, torque = len(precision), moments_of(runs, kernel, np.arange(0))
-    noise = INITIAL_NOISE * torque.square / torque.number
-    # The power of a signal times a slow function, over all frequencies, bounds a regressor's.
-    bounds = sum(
-        np.max(each.weights) ** 2 * np.sum(np.abs(each.spectra[:-1]) ** 2, axis=(1, 2))
-        for each in runs
-    )
-    bounds = bounds.reshape(-1, kernel.functions)[:, kernel.slow].reshape(-1, count)
-    while True:
-        min_power = NEGLIGIBLE * noise * precision
-        kept = np.flatnonzero(bounds.max(axis=0) > min_power)
-        columns = np.add.outer(np.arange(0, bounds.size, count), kept)
-        moments = moments_of(runs, kernel, columns.ravel())
-        powers = moments.gram.diagonal().reshape(columns.shape)
-        visible = powers.max(axis=0) > min_power[kept]
-        kept, moments = kept[visible], moments.take(np.tile(visible, len(columns)))
-        found = fit_noise(moments, precision[kept], noise)
-        if found.noise_variance >= noise or len(kept) == count:
-            break
-        # With less noise than was assumed, more weights may count.
-        noise = 0.5 * found.noise_variance
-    with np.errstate(divide="ignore"):
-        variances = 1 / precision
-    mean, covariance = np.zeros(count), np.diag(variances)
-    mean[kept], covariance[np.ix_(kept, kept)] = found.mean, found.covariance
-    covariance.flags.writeable = False  # so that it is not copied
-    return found._replace(mean=mean, covariance=covariance)
-
-
-def fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeights:
-    """Return the fit at the fixed point of the noise variance, from a first guess."""
     own, power, x = moments, moments.square / moments.number, np.arange(len(precision))
     has_instruments = len(moments.cross) > len(x)
     if has_instruments:  # their columns z follow the columns x of the angle
@@ -310,6 +275,7 @@ def fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeights
         explained = mean @ (2 * moments.cross[x] - gram[np.ix_(x, x)] @ mean)
         return moments.square - float(explained)
 
+    noise = INITIAL_NOISE * power
     found: Posterior | FittedWeights
     for _ in range(ITERATIONS):
         found = posterior = solve(own, precision, noise)
@@ -321,8 +287,10 @@ def fit_noise(moments: Moments, precision: Array, noise: float) -> FittedWeights
         if abs(wanted - noise) <= CONVERGED * noise:
             break
         noise = wanted
-    covariance = noise / found.noise_variance * found.covariance
-    return FittedWeights(found.mean, covariance, noise, found.effective)
+    if isinstance(found, FittedWeights):
+        covariance = noise / found.noise_variance * found.covariance
+        found = found._replace(covariance=covariance, noise_variance=noise)
+    return found
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)

@@ -180,7 +180,7 @@ def decay_features(first: float, span: float, l2: float) -> tuple[Array, Array, 
     values, vectors = np.linalg.eigh(root[:, None] * covariance(nodes, nodes, l2) * root)
     kept = values > TOLERANCE * values.sum()
     projection = root[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-    return nodes, projection[:, ::-1], values[kept][::-1]
+    return nodes, np.ascontiguousarray(projection[:, ::-1]), values[kept][::-1]
 
 
 def covariance(time: Array, other: Array, l2: float) -> Array:

@@ -8,7 +8,6 @@ from functools import lru_cache
 
 import attrs
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import blas
@@ -35,18 +34,17 @@ class Runs:
     The signals are the angle and its derivatives, then those of an instrument if there is one, and
     last the torque, which is multiplied by the first function only. Their ends without derivatives
     are 0. ``spectra`` (signal x function, run, frequency) have ``norm="ortho"``. They begin
-    ``reach`` bins below the fitted ``bins``, and end as many above. Each run begins at one of the
-    ``starts`` (run,) in s of the trial. It lasts ``periods`` realizations, together ``samples``.
+    ``reach`` bins below the fitted ``bins``, and end as many above. Each run lasts ``periods``
+    realizations, together ``samples``. All spectra count time from the trial's start.
 
     A *number* is the real or the imaginary part at a fitted frequency. ``weights`` (number,)
-    multiply them. The ``external`` terms (term, number) are spectra of half-cosines. A run has
+    multiply them. The ``external`` terms (run, term, number) are spectra of half-cosines. A run has
     ``freedom`` independent numbers.
     """
 
     spectra: ComplexArray
     bins: slice
     reach: int
-    starts: Array
     periods: int
     samples: int
     external: Array
@@ -82,42 +80,52 @@ class Runs:
         bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
         reach = kernel.highest * periods
         # Spectra of real signals are mirrored at 0 and at the Nyquist frequency.
-        signed = np.arange(bins.start - reach, bins.stop + reach) + samples // 2
-        signed = signed % samples - samples // 2
+        place = np.arange(bins.start - reach, bins.stop + reach)
+        signed = (place + samples // 2) % samples - samples // 2
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
         spectra = spectra[..., np.abs(signed)]
         np.conjugate(spectra, out=spectra, where=signed < 0)
-        external = external_terms(samples, lost)[:, bins].view(np.float64)
-        weights = np.ones(external.shape[1])
+        # The phase of the harmonics counts from the trial's start.
+        starts = ensemble.onsets[realizations[:, :1]] % kernel.period
+        delay = np.exp(-2j * np.pi * rate / samples * starts * place)
+        spectra *= delay
+        delay = delay[:, None, reach : len(place) - reach]
+        external = (external_terms(samples, lost)[:, bins] * delay).view(np.float64)
+        weights = np.ones(external.shape[-1])
         freedom = len(weights) * (1 - 2 * lost / samples)
-        starts = ensemble.onsets[realizations[:, 0]]
-        return cls(spectra, bins, reach, starts, periods, samples, external, freedom, weights)
+        return cls(spectra, bins, reach, periods, samples, external, freedom, weights)
 
-    def rows(self, kernel: Kernel, columns: NDArray[np.int64]) -> Iterator[tuple[slice, Array]]:
+    def rows(self, kernel: Kernel) -> Iterator[tuple[slice, Array]]:
         """Yield slices of numbers and weighted regressors (row, run, number); the torque is last.
 
-        The ``columns`` count each signal times all columns of the kernel. A product with a harmonic
-        is a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
+        The regressors are each signal times all columns of the kernel. A product with a harmonic is
+        a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
         memory from growing with the record times the columns.
         """
-        torque = (len(self.spectra) - 1) // kernel.functions * kernel.columns
-        signal, column = np.divmod(np.append(columns, torque), kernel.columns)
-        source = (signal * kernel.functions + kernel.slow[column])[:, None]
-        shift = kernel.harmonic[column, None] * self.periods
-        # With a turn z, a cosine is 0.5 z + its conjugate, a sine -0.5j z + its conjugate.
-        is_sine = (kernel.place > 0) & (kernel.place % 2 == 0)
-        turn = np.exp(2j * np.pi / kernel.period * np.outer(kernel.harmonic, self.starts))
-        turn *= np.where(is_sine, -0.5j, 0.5)[:, None]
-        turn, run = turn[column][..., None], np.arange(len(self.starts))
-        count, length = self.bins.stop - self.bins.start, max(1, BLOCK // len(run))
+        runs, places = self.spectra.shape[1], 2 * kernel.highest + 1
+        first = np.searchsorted(kernel.place, np.arange(places + 1))
+        # A cosine is half the sum of two shifts; a sine is half their difference, times i.
+        signals = self.spectra[:-1].reshape(-1, kernel.functions, *self.spectra.shape[1:])
+        halves, turned = 0.5 * signals, 0.5j * signals
+        size, count = len(signals) * kernel.columns, self.bins.stop - self.bins.start
+        length = max(1, BLOCK // runs)
         for low in range(0, count, length):
             high = min(low + length, count)
-            windows = sliding_window_view(self.spectra, high - low, axis=2)
-            rows = windows[source, run, low + self.reach - shift]
-            rows *= turn
-            other = windows[source, run, low + self.reach + shift]
-            other *= turn.conj()
-            rows += other
+            rows = np.empty((size + 1, runs, high - low), np.complex128)
+            rows[-1] = self.spectra[-1, :, low + self.reach : high + self.reach]
+            products = rows[:-1].reshape(len(signals), -1, runs, high - low)
+            for place in range(places):
+                columns = slice(first[place], first[place + 1])
+                slow = slice(kernel.slow[columns.start], kernel.slow[columns.stop - 1] + 1)
+                is_sine = place > 0 and place % 2 == 0
+                part, combine = (turned, np.subtract) if is_sine else (halves, np.add)
+                up = self.reach + (place + 1) // 2 * self.periods
+                down = 2 * self.reach - up
+                combine(
+                    part[:, slow, :, low + up : high + up],
+                    part[:, slow, :, low + down : high + down],
+                    out=products[:, columns],
+                )
             numbers = slice(2 * low, 2 * high)
             parts = rows.view(np.float64)
             parts *= self.weights[numbers]
@@ -156,30 +164,29 @@ def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, fl
     return found
 
 
-def moments_of(found: Sequence[Runs], kernel: Kernel, columns: NDArray[np.int64]) -> Moments:
-    r"""Return sums over the band's frequencies of products of regressors X and torque y.
+def moments_of(found: Sequence[Runs], kernel: Kernel) -> Moments:
+    r"""Return sums over the band's frequencies of products of all regressors X and torque y.
 
-    The ``columns`` of X are indices among all signals times columns of the kernel. Real and
-    imaginary parts count separately. The smooth external terms T of each run have no prior, and are
-    projected out:
+    Real and imaginary parts count separately. The smooth external terms T of each run have no
+    prior, and are projected out:
 
     .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
     """
-    size = len(columns) + 1  # and the torque
+    size = (len(found[0].spectra) - 1) // kernel.functions * kernel.columns + 1  # and the torque
     products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
     for runs in found:
         terms = runs.external * runs.weights
-        powers, axes = np.linalg.eigh(terms @ terms.T)
+        powers, axes = np.linalg.eigh(terms[0] @ terms[0].T)
         kept = powers > MIN_POWER * runs.samples
-        basis = axes[:, kept].T @ terms / np.sqrt(powers[kept, None])
-        with_terms = np.zeros((size * len(runs.starts), len(basis)))
-        for numbers, rows in runs.rows(kernel, columns):
-            with_terms += rows.reshape(len(with_terms), -1) @ basis[:, numbers].T
+        basis = (axes[:, kept] / np.sqrt(powers[kept])).T @ terms
+        with_terms = np.zeros((len(basis), size, basis.shape[1]))
+        for numbers, rows in runs.rows(kernel):
+            with_terms += rows.swapaxes(0, 1) @ basis[..., numbers].swapaxes(1, 2)
             flat = rows.reshape(size, -1).T
             products = blas.dsyrk(1.0, flat, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
-        mixed.append(with_terms.reshape(size, -1))
-        number += len(runs.starts) * (runs.freedom - len(basis))
-    projected = np.concatenate(mixed, axis=1).T
+        mixed.append(with_terms.swapaxes(1, 2).reshape(-1, size))
+        number += len(basis) * (runs.freedom - basis.shape[1])
+    projected = np.concatenate(mixed)
     products = blas.dsyrk(-1.0, projected, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
     return Moments.of(products, number)
 

@@ -82,8 +82,8 @@ class Likelihood:
 
         ``share`` is the effective fraction of independent samples.
         """
-        runs, columns = runs_of([ensemble], kernel, band), np.arange(3 * kernel.columns)
-        return cls(moments_of(runs, kernel, columns).times(share), kernel)
+        runs = runs_of([ensemble], kernel, band)
+        return cls(moments_of(runs, kernel).times(share), kernel)
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Return the restricted log likelihood and its derivatives."""

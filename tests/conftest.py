@@ -34,6 +34,11 @@ def pytest_collection_finish():
     gc.set_threshold(10_000)
 
 
+def realizations(recording, period=2.0, *settings):
+    """Return realizations of a recording at 100 Hz."""
+    return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, *settings)
+
+
 @cache
 def ensemble_of(
     duration: float = 40.0,
@@ -48,7 +53,7 @@ def ensemble_of(
     simulation = tv.simulate.Joint(stiffness=tv.simulate.PROFILES[profile]).simulate(
         duration, perturbation=tv.simulate.PERTURBATIONS[perturbation], snr_db=snr_db, seed=seed
     )
-    return tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period, context)
+    return realizations(simulation.recording, period, context)
 
 
 def standard_errors_of(model):

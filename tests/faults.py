@@ -5,6 +5,7 @@ from functools import cache, lru_cache, partial
 import attrs
 import numpy as np
 from scipy.signal import butter, filtfilt, lfilter
+from tests.conftest import realizations
 
 import tvsysid as tv
 
@@ -163,7 +164,7 @@ def reflexive(gain=5.0, seed=1):
 
 def shifted(recording, period=2.0, share=0.2, seconds=0.3):
     """Some realizations cut too early or too late."""
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, context=1.0)
+    ensemble = realizations(recording, period, 1.0)
     random, count = np.random.default_rng(3), len(ensemble)
     moves = np.where(random.random(count) < share, random.choice([-1, 1], count), 0)
     moves = np.round(moves * seconds * ensemble.sampling_rate).astype(int)
@@ -197,7 +198,7 @@ def thrice(ensemble, count=10):
 def repeated(recording, period=2.0, noise=2e-5, seed=4):
     """Repeat one realization's perturbation, with a little noise of the angle's sensor."""
     random = np.random.default_rng(seed)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)
+    ensemble = realizations(recording, period)
     sizes = {"angle": noise, "torque": 0.3 * ensemble.torque.std()}
     signals = {
         name: getattr(ensemble, name)[:1] + size * random.standard_normal(ensemble.angle.shape)

@@ -1,9 +1,9 @@
-"""Simulate joints with a stretch reflex, and prepare real ankles in contraction."""
+"""Simulate joints with a stretch reflex."""
 
 from functools import cache
 
 import attrs
-from scipy.io import loadmat
+from tests.conftest import realizations
 
 import tvsysid as tv
 
@@ -33,7 +33,7 @@ def reflexive(
     simulation = joint.simulate(duration, perturbation=kind, snr_db=snr_db, seed=seed)
     channels = {**simulation.recording.channels, **simulation.pathways}
     recording = attrs.evolve(simulation.recording, channels=channels)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    ensemble = realizations(recording)
     truth = {name: values[0] for name, values in simulation.truth_of(ensemble).items()}
     return ensemble, truth
 
@@ -41,12 +41,3 @@ def reflexive(
 def centred(ensemble):
     """Ensemble without its mean and that of the torque of each pathway."""
     return tv.preprocess.subtract_mean(ensemble, channels=("intrinsic", "reflex"))
-
-
-def ankle(folder, record):
-    """Ensemble of a real ankle in contraction."""
-    data = loadmat(folder / "tonic_ankle.mat")
-    angle, torque = (data[f"{record}_{name}"].ravel() for name in ("angle", "torque"))
-    recording = tv.Recording(angle, -torque, 1000.0)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100.0), 2.0)
-    return tv.preprocess.subtract_mean(ensemble)

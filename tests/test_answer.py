@@ -5,7 +5,7 @@ import math
 import attrs
 import numpy as np
 import pytest
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, realizations
 
 import tvsysid as tv
 from tvsysid.quality import FAULTS, Finding
@@ -146,7 +146,7 @@ def test_methods_with_one_pathway_differ_by_what_they_say_without_the_reflex():
     joint = tv.simulate.ReflexJoint(stiffness=tv.simulate.Constant(100.0), reflex_gain=8.0)
     perturbed = {"perturbation": tv.simulate.FilteredNoise(), "snr_db": 20, "seed": 1}
     recording = joint.simulate(60, **perturbed).recording
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    ensemble = realizations(recording)
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["cascade", "kbr"])
     assert found.answer.label == "cascade"
     as_it_is = abs(found.models["kbr"].stiffness - found.answer.stiffness).mean()

@@ -5,7 +5,7 @@ import pickle
 import attrs
 import numpy as np
 import pytest
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, realizations
 
 import tvsysid as tv
 
@@ -60,7 +60,7 @@ def test_by_default_other_methods_check_adaptive():
     recording = joint.simulate(
         40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
     ).recording
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    ensemble = realizations(recording)
     assert list(tv.compare(ensemble).models) == ["adaptive", "cascade", "sdss"]
 
 

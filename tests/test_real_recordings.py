@@ -4,6 +4,7 @@ import attrs
 import numpy as np
 import pytest
 from scipy.io import loadmat
+from tests.conftest import realizations
 
 import tvsysid as tv
 from tvsysid.methods.adaptive.model import describe_changes
@@ -27,7 +28,7 @@ def read(file, angle, torque, period, torque_sign=-1):
     recording = tv.read_recording(
         file, angle=angle, torque=torque, sampling_rate=1000, torque_sign=torque_sign
     )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period)
+    ensemble = realizations(recording, period)
     return tv.preprocess.subtract_mean(ensemble)
 
 
@@ -122,7 +123,7 @@ def test_walking_is_explained_by_emg(walking, recordings_folder):
     # An independent fit of 60 cycles: 96.3 %; here, of 58 decimated cycles.
     emg = loadmat(recordings_folder / "walking_ankle_small_reflex.mat")["EMG_SIGNAL"].T.ravel()
     rectified = tv.Recording(np.abs(emg - emg.mean()), emg, 1000.0)
-    drive = tv.preprocess.segment(tv.preprocess.decimate(rectified, 100), 1.5).angle
+    drive = realizations(rectified, 1.5).angle
     ensemble = attrs.evolve(walking, channels={"emg": drive - drive.mean(axis=0)})
     method = tv.BasisCascade(basis=tv.GaussianBumps(10), emg="emg", memory=0.3)
     assert method.identify(ensemble).diagnostics.details["vaf"] == pytest.approx(96.3, abs=0.3)

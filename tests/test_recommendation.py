@@ -1,7 +1,7 @@
 """Recommendation of a method: the table of rules, and the properties that it holds against data."""
 
 import pytest
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, realizations
 
 import tvsysid as tv
 from tvsysid.recommendation.method import RULES, DataProperties
@@ -54,7 +54,7 @@ def test_few_realizations_and_the_method_that_leads_then():
 
 def identifiable(joint, duration, perturbation, snr_db, channels=()):
     recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=1).recording
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    ensemble = realizations(recording)
     return tv.preprocess.subtract_mean(ensemble, channels)
 
 

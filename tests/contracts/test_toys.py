@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.conftest import realizations
 from tests.contracts import toys
 from tests.contracts.toys import Cascade, Instrumental, Recursive, Scheduled
 
@@ -34,7 +35,7 @@ def simulated(toy):
     simulation = SYSTEMS[toy].simulate(
         150, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1
     )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    ensemble = realizations(simulation.recording)
     return simulation, tv.preprocess.subtract_mean(ensemble, tv.methods.centered_channels([toy()]))
 
 

@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, realizations
 
 import tvsysid as tv
 
@@ -55,5 +55,5 @@ def test_a_joint_that_is_not_of_second_order(key, perturbation):
     velocity = np.roll(np.gradient(recording.angle, 1e-3), 40)
     reflex = 15 * lfilter(*bilinear([16.0**2], [1, 2 * 0.65 * 16.0, 16.0**2], fs=1000), velocity)
     with_reflex = attrs.evolve(recording, torque=recording.torque + reflex)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(with_reflex, 100), 2.0)
+    ensemble = realizations(with_reflex)
     assert "is not of second order" in warnings_of(tv.methods.parse(key), ensemble)

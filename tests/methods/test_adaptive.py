@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from scipy.linalg import toeplitz
 from tests import independent
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, realizations
 from tests.methods.free_estimates import estimate_of
 
 import tvsysid as tv
@@ -228,7 +228,7 @@ def reflex_ensemble(duration, snr_db=15, **joint):
         .simulate(duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr_db, seed=4)
         .recording
     )
-    return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, 1.0)
+    return realizations(recording, 2.0, 1.0)
 
 
 SINE = tv.simulate.SineWave()

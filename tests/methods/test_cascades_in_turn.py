@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.reflexive import ankle, centred, reflexive
+from tests.reflexive import centred, reflexive
+from tests.test_real_recordings import tonic
 
 import tvsysid as tv
 
@@ -83,7 +84,7 @@ PC, BPC, SDSS = (
     ],
 )  # fmt: skip
 def test_real_ankles_in_contraction(recordings_folder, method, record, low, high, vaf):
-    model = method.identify(ankle(recordings_folder, record))
+    model = method.identify(tonic(recordings_folder, record))
     assert low < model.stiffness.mean() < high
     assert vaf < model.diagnostics.details["vaf"]
 

@@ -5,6 +5,7 @@ from functools import cache
 import attrs
 import numpy as np
 import pytest
+from tests.conftest import realizations
 
 import tvsysid as tv
 from tvsysid.methods.shared import instrument
@@ -34,7 +35,7 @@ def loop(load=100.0, noise_hz=5.0, snr_db=5.0, seed=100, duration=40.0):
     simulation = joint.simulate(
         duration, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=snr_db, seed=seed
     )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    ensemble = realizations(simulation.recording)
     return tv.preprocess.subtract_mean(ensemble, [D])
 
 

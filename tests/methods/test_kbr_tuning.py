@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from benchmarks import plain
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, realizations
 
 import tvsysid as tv
 from tvsysid.methods.kbr.kernel import Kernel
@@ -83,7 +83,7 @@ def test_a_drift_asks_for_a_decay_which_follows_it():
     simulation = tv.simulate.Joint(stiffness=profile).simulate(
         60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=1
     )
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    ensemble = realizations(simulation.recording)
     truth = np.stack([profile(onset + ensemble.time) for onset in ensemble.onsets])
     tuned = tv.KernelRegression().tuned(ensemble).method
     assert tuned.length_decay < 300

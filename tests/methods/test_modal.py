@@ -3,6 +3,7 @@
 import attrs
 import numpy as np
 import pytest
+from tests.conftest import realizations
 from tests.independent import ensemble_of, impulses, with_noise
 from tests.independent import ringing as shaken
 
@@ -19,7 +20,7 @@ def hit(perturbation=IMPULSES, snr_db=30.0, duration=40.0, **changes):
         resolve(MODAL.system, SYSTEMS, "system"), **({"stiffness": Constant(100.0)} | changes)
     )
     recording = joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, seed=1).recording
-    return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    return realizations(recording)
 
 
 @pytest.fixture(scope="module")

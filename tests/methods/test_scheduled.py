@@ -6,6 +6,7 @@ import attrs
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
+from tests.conftest import realizations
 from tests.independent import following
 
 import tvsysid as tv
@@ -37,7 +38,7 @@ def simulated(duration=50.0, snr_db=np.inf, **changes):
     record = joint.simulate(
         duration, perturbation=tv.simulate.FilteredNoise(), snr_db=snr_db, seed=1
     ).recording
-    return tv.preprocess.segment(tv.preprocess.decimate(record, 100), None)
+    return realizations(record, None)
 
 
 @pytest.fixture(scope="module")

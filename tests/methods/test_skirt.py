@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.conftest import realizations
 from tests.independent import ensemble_of, motion, with_noise
 
 import tvsysid as tv
@@ -15,7 +16,7 @@ def perturbed(perturbation, snr_db=10.0, seed=1, stiffness=None, duration=40.0):
     recording = joint.simulate(
         duration, perturbation=perturbation, snr_db=snr_db, seed=seed
     ).recording
-    return tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0)
+    return realizations(recording)
 
 
 @pytest.fixture(scope="module")

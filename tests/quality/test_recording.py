@@ -6,6 +6,7 @@ import attrs
 import numpy as np
 import pytest
 from tests import faults
+from tests.conftest import realizations
 from tests.independent import COLOURS, imposed
 
 import tvsysid as tv
@@ -21,9 +22,7 @@ def recorded(perturbation="noise", colour="pink", seed=1, duration=80.0, snr_db=
 
 
 def cut(recording, gaps=()):
-    return tv.preprocess.subtract_mean(
-        tv.preprocess.segment(tv.preprocess.decimate(recording, 100), 2.0, gaps=gaps)
-    )
+    return tv.preprocess.subtract_mean(realizations(recording, 2.0, 0.5, gaps))
 
 
 def error(ensemble, truth):

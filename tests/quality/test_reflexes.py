@@ -3,6 +3,7 @@
 import attrs
 import numpy as np
 import pytest
+from tests.conftest import realizations
 from tests.reflexive import reflexive
 
 import tvsysid as tv
@@ -53,7 +54,7 @@ def test_a_linear_late_answer_is_no_reflex():
 @pytest.mark.parametrize("context", [0.0, 0.5])
 def test_real_ankles_in_contraction_have_a_reflex(recordings, record, low, high, context):
     recording, period = recordings[record]
-    test = judged(tv.preprocess.segment(tv.preprocess.decimate(recording, 100), period, context))
+    test = judged(realizations(recording, period, context))
     assert (test.shown, test.direction) == (True, 1)
     assert low < test.stiffness[1] < high < test.stiffness[0]
 

@@ -5,7 +5,7 @@ import re
 import attrs
 import numpy as np
 import pytest
-from tests.conftest import ensemble_of
+from tests.conftest import ensemble_of, realizations
 from tests.report.elements import Elements, section, table
 
 import tvsysid as tv
@@ -133,7 +133,7 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
         80, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
     )
     # Longer than the trials of 2 s
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 1.9)
+    ensemble = realizations(simulation.recording, 1.9)
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
     (told,) = found.answer.lines
     assert told.startswith("no stiffness is stated. The movement does not repeat with this period")
@@ -231,9 +231,7 @@ def test_the_paragraph_says_whose_stiffness_includes_the_reflex():
     simulation = tv.simulate.ReflexJoint(reflex_gain=8.0).simulate(
         40, perturbation=tv.simulate.PRBS(), snr_db=20, seed=1
     )
-    ensemble = tv.preprocess.subtract_mean(
-        tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
-    )
+    ensemble = tv.preprocess.subtract_mean(realizations(simulation.recording))
     diagnosis = tv.diagnose(ensemble)
     told = methods_paragraph(
         attrs.evolve(tv.compare(ensemble, ["cascade", "sds"]), diagnosis=diagnosis)

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import xarray as xr
+from tests.conftest import realizations
 from tests.study.conftest import SMALL, Mine, same
 
 import tvsysid as tv
@@ -37,8 +38,7 @@ def test_a_trial_is_what_its_parts_give(results):
         60.0, perturbation=tv.simulate.PRBS(), snr_db=10.0, seed=study.seed_of(scenario, 2)
     )
     ensemble, noiseless = (
-        tv.preprocess.segment(tv.preprocess.decimate(each, 100.0), 2.0)
-        for each in (simulation.recording, simulation.noiseless)
+        realizations(each) for each in (simulation.recording, simulation.noiseless)
     )
     model = tv.ShortDataSegments().identify(ensemble)
     pair = noiseless.torque[:, noiseless.core], model.predict(ensemble)

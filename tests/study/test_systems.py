@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.conftest import realizations
 
 import tvsysid as tv
 from tvsysid.study import Study, read_results, run, score, summarize
@@ -108,7 +109,7 @@ def test_the_mean_over_realizations_is_subtracted_from_the_noiseless_torque_too(
     )
     study = Study(**settings)
     simulation = tv.study.trials.simulate(study, study.scenarios[0], 0)
-    ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    ensemble = realizations(simulation.recording)
     model = tv.ShortDataSegments().identify(tv.preprocess.subtract_mean(ensemble))
     np.testing.assert_allclose(without.estimate.values[0, 0, 0, 0], model.stiffness)
     assert (without.vaf > plain.vaf).all()

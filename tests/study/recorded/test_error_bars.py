@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.conftest import realizations
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
@@ -16,7 +17,7 @@ def simulated(seconds, seed):
     simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
         seconds, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=seed
     )
-    return tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), 2.0)
+    return realizations(simulation.recording)
 
 
 def spread_of(method, ensembles):

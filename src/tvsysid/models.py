@@ -65,11 +65,10 @@ class StandardError:
         """Degrees of freedom of each value."""
         return np.broadcast_to(self._freedom, self.values.shape)
 
-    def limits(
-        self, values: Array, level: float, simultaneous: bool = False
-    ) -> tuple[Array, Array]:
+    def limits_around(self, values: Array, level: float, simultaneous: bool) -> tuple[Array, Array]:
         """Return the lower and upper limit of the band around the estimates ``values``."""
-        known, width = np.isfinite(self.values), np.full(self.values.shape, np.nan)
+        known = np.isfinite(self.values)
+        width = np.full(self.values.shape, np.nan)
         width[known] = self.multiple(level, simultaneous) * self.values[known]
         return np.maximum(values - width, self.minimum), values + width
 
@@ -125,13 +124,14 @@ class Estimate:
 
     def __attrs_post_init__(self) -> None:
         values, error = self.values, self.error
+        shape = values.shape
         is_real = values.dtype.kind == "f"
         if not is_real or np.isinf(values).any():
             raise InputError(
                 "estimate: expected real numbers, NaN where not identified, got values of type "
                 f"{values.dtype}{', some of them infinite' * is_real}"
             )
-        expected, shape = f"estimate: expected values over {', '.join(self.axes)}", values.shape
+        expected = f"estimate: expected values over {', '.join(self.axes)}"
         if values.ndim != len(self.axes):
             raise InputError(f"{expected}, got an array of shape {shape}")
         if isinstance(error, StandardError) and error.values.shape != shape:
@@ -167,7 +167,8 @@ class Estimate:
         DataQualityWarning
             If there is no band at any time, with the reason. :meth:`limits` does not warn.
         """
-        error, (lower, upper) = self.standard_error, self.limits(level, simultaneous)
+        error = self.standard_error
+        lower, upper = self.limits(level, simultaneous)
         why = error.absent if error else "the method states no standard error"
         if why and not np.isfinite(lower).any():
             warnings.warn(f"no band: {why}", DataQualityWarning, stacklevel=2)
@@ -176,7 +177,7 @@ class Estimate:
     def limits(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
         """Return the limits of the :meth:`band` without a warning if there is none."""
         error = self.standard_error or StandardError.none(self.values.shape, "")
-        return error.limits(self.values, level, simultaneous)
+        return error.limits_around(self.values, level, simultaneous)
 
 
 @attrs.frozen(eq=False)
@@ -272,19 +273,15 @@ class Model:
             Values along each axis of the estimates, except time and realization.
         pathways
             Function that returns the torque of each pathway for an ensemble, each of shape
-            (realization, time). By default, stiffness, viscosity and inertia
-            give the torque.
+            (realization, time). By default, stiffness, viscosity and inertia give the torque.
         parameters
             Effective number of parameters.
         """
-        impedance = zip(IMPEDANCE, (stiffness, viscosity, inertia), strict=True)
-        given = {
-            name: Estimate(
-                values if np.ndim(values) else np.full(ensemble.samples, values), UNITS[name]
-            )
-            for name, values in impedance
-            if values is not None
-        }
+        given: dict[str, Estimate] = {}
+        for name, values in zip(IMPEDANCE, (stiffness, viscosity, inertia), strict=True):
+            if values is not None:
+                over_time = values if np.ndim(values) else np.full(ensemble.samples, values)
+                given[name] = Estimate(over_time, UNITS[name])
         return Model(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
@@ -321,7 +318,8 @@ class Model:
 
         NaN where there is no band. The mean over realizations has no band.
         """
-        estimate, size = self.estimates.get(quantity), len(self.time)
+        estimate = self.estimates.get(quantity)
+        size = len(self.time)
         if estimate is None or estimate.axes not in OVER_TIME or estimate.values.size != size:
             return np.full((2, size), np.nan)
         return np.reshape(estimate.limits(), (2, size))
@@ -364,16 +362,17 @@ class Model:
     def __repr__(self) -> str:
         known = self.stiffness[np.isfinite(self.stiffness)]
         lower, upper = self.limits("stiffness")
-        span, band = "unknown", mean_of(upper - lower) / 2
+        band = mean_of(upper - lower) / 2
+        span = "unknown"
         if known.size:
             span = f"{known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average"
             span += f", 95 % band ± {band:.1f}," if np.isfinite(band) else ""
         warned = "".join(f"\n  warning: {text}" for text in self.diagnostics.warnings)
-        seconds, samples = len(self.time) / self.sampling_rate, len(self.time)
+        samples = len(self.time)
         return (
-            f"{type(self).__name__}({self.method}: stiffness {span} over {seconds:g} s, identified "
-            f"at {known.size} of {samples} samples, {self.diagnostics.parameters:.3g} effective "
-            f"parameters){warned}"
+            f"{type(self).__name__}({self.method}: stiffness {span} over "
+            f"{samples / self.sampling_rate:g} s, identified at {known.size} of {samples} samples, "
+            f"{self.diagnostics.parameters:.3g} effective parameters){warned}"
         )
 
     def plot(self, title: str = "", ax: Axes | None = None) -> Figure | SubFigure:

@@ -91,7 +91,8 @@ def result(form: Mapping[str, str], start: Settings) -> str:
 
 def shown(found: Outcome, quantity: str = "stiffness") -> str:
     """Return an outcome as HTML."""
-    answer, words = found.found.answer, quantity.replace("_", " ")
+    answer = found.found.answer
+    words = quantity.replace("_", " ")
     summary = found.found.summary().set_index("method").T
     over_time = found.found.over_time().set_index("method").loc[answer.label].set_index("time_s")
     every = max(1, len(over_time) // (MAX_TIMES - 1))

@@ -32,7 +32,8 @@ class Exploration:
 
     def __init__(self, start: Settings, channels: dict[str, Channel], port: int = 0) -> None:
         # The address is secret: other users and other pages cannot open this page.
-        path, content = f"/{secrets.token_urlsafe(12)}/", page(start, channels)
+        path = f"/{secrets.token_urlsafe(12)}/"
+        content = page(start, channels)
         newest: list[object] = []
 
         class Handler(BaseHTTPRequestHandler):

@@ -41,7 +41,7 @@ MIN_GAIN_NAT = 3.0  # log evidence by which another basis must be better: 20 to 
 
 
 @attrs.frozen
-class BasisIRF(shared.ByReference):
+class BasisIRF(shared.ReferenceMethod):
     r"""Model the change over time as a sum of basis functions, with sparse Bayesian coefficients.
 
     .. math:: h(t, \tau) = \sum_j \lambda_{\tau j} \Lambda_j(t) \qquad\text{or}\qquad

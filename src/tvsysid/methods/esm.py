@@ -33,7 +33,7 @@ TINY = float(np.finfo(np.float64).tiny)  # keeps the response finite where there
 
 
 @attrs.frozen
-class EnsembleSpectral(shared.ByReference):
+class EnsembleSpectral(shared.ReferenceMethod):
     r"""Estimate a frequency response at each time, from spectra averaged over realizations.
 
     .. math:: H(f, t) = \frac{\overline{S_{yu}(f, t)}}{\overline{S_{uu}(f, t)}}

@@ -132,7 +132,8 @@ def from_text(text: str, kind: str, known: Mapping[str, object] | None = None) -
             f"unknown {kind} {key!r}; expected one of {', '.join(known)}, or your own as "
             "module:Object"
         )
-    target, label = known[key] if key in known else load(key, kind), f"{kind} {text!r}"
+    target = known[key] if key in known else load(key, kind)
+    label = f"{kind} {text!r}"
     if kind == "method" and not _is_method(target):
         raise InputError(f"{label} is no tvsysid.Method")
     if not hasattr(target, attribute := ATTRIBUTES.get(kind, "__doc__")):

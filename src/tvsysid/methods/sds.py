@@ -18,7 +18,7 @@ MIN_SAMPLES_PER_LAG = 3
 
 
 @attrs.frozen
-class ShortDataSegments(shared.ByReference):
+class ShortDataSegments(shared.ReferenceMethod):
     r"""Estimate a two-sided impulse response at each time, across realizations and a short window.
 
     .. math:: \varphi_{yu}(t, k) = \frac1L \sum_r \sum_{i = t - N/2}^{t + N/2}

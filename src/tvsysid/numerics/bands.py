@@ -60,12 +60,14 @@ def arc_length(features: Array, covariance: Array) -> float:
 
 def _tube(level: float, freedom: Array, arc: float) -> Array:
     """Solve for c by bisection, for all degrees of freedom at once."""
-    low, high = np.zeros_like(freedom), np.full_like(freedom, 1e3)
+    low = np.zeros_like(freedom)
+    high = np.full_like(freedom, 1e3)
     for _ in range(60):
         middle = (low + high) / 2
         tube = np.exp(-freedom / 2 * np.log1p(middle**2 / freedom))
         outside = 2 * stdtr(freedom, -middle) + arc / np.pi * tube > 1 - level
-        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+        low = np.where(outside, middle, low)
+        high = np.where(outside, high, middle)
     return high
 
 

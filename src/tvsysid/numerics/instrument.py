@@ -64,7 +64,8 @@ def predicted(
     parts = []
     for group in np.unique(groups):
         own = groups == group
-        lagged, target = reference[own, core.start : core.stop + after + before], angle[own, core]
+        lagged = reference[own, core.start : core.stop + after + before]
+        target = angle[own, core]
         moments = len(target) * window_moments(lagged, lagged, before, after)[:, ::-1, ::-1]
         gram = expanded(moments, functions[core]) * np.outer(deviation, deviation)
         cross = len(target) * diagonal_moments(target, lagged, after + before)[:, ::-1]

@@ -89,12 +89,14 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
     power of the acceleration.
     """
     width = filters.shape[1]
-    count, lags = len(products) - width + 1, products.shape[1] - width
+    count = len(products) - width + 1
+    lags = products.shape[1] - width
     # Sums of u(p) u(p + f) over the N - d samples p at which both filters lie within the angle,
     # from running sums.
     running = np.zeros((len(products) + 1, products.shape[1]))
     np.cumsum(products, axis=0, out=running[1:])
-    later, lag = np.arange(lags + 1)[:, None, None], np.arange(width)[::-1]
+    later = np.arange(lags + 1)[:, None, None]
+    lag = np.arange(width)[::-1]
     one, other = lag[:, None], lag + later
     first, apart = np.minimum(one, other), np.abs(one - other)
     sums = running[first + count - later, apart] - running[first, apart]

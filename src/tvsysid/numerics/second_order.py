@@ -37,7 +37,8 @@ def second_order_readout(
     multiplies ``phi_uy``. Return also the output's power that the fit explains.
     """
     derivative = derivative_filters(len(phi_uy) // 2, sampling_rate)
-    moments, cross = derivative @ phi_uu @ derivative.T, derivative @ phi_uy
+    moments = derivative @ phi_uu @ derivative.T
+    cross = derivative @ phi_uy
     (found,), (inverted,) = second_order_fit(moments[None], cross[None])
     matrix = np.concatenate([inverse.sum(axis=1)[None], (inverted @ derivative)[1:]])
     return matrix, float(found @ cross)

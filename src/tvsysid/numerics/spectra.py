@@ -74,7 +74,8 @@ def power_spectrum(x: Array) -> Array:
 
 def power_share(x: Array, sampling_rate: float, low: float, high: float = math.inf) -> float:
     """Return the share of the variance of x (realization, time) from low to high in Hz."""
-    power, frequency = power_spectrum(x), np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
+    power = power_spectrum(x)
+    frequency = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
     total = float(power.sum())
     inside = float(power[(frequency >= low) & (frequency <= high)].sum())
     return inside / total if total > 0 else 0.0

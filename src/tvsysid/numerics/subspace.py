@@ -140,14 +140,16 @@ def hammerstein(rows: Rows, denominator: Array) -> Hammerstein:
     answers, target = triangle[:, :-1], triangle[:, -1]
     product = answers.reshape(len(target), len(denominator), -1)
     start = _least_squares(answers, target).reshape(product.shape[1:])
-    weights, error = np.linalg.svd(start, full_matrices=False)[2][0], np.inf
+    weights = np.linalg.svd(start, full_matrices=False)[2][0]
+    error = np.inf
     for _ in range(ROUNDS):
         columns = np.tensordot(_least_squares(product @ weights, target), product, (0, 1))
         turned = _least_squares(columns, target)
         if not turned.any():
             break
         weights = turned / np.linalg.norm(turned) * np.sign(turned[np.argmax(turned != 0)])
-        before, error = error, float(np.sum((target - columns @ turned) ** 2))
+        before = error
+        error = float(np.sum((target - columns @ turned) ** 2))
         if before - error <= TINY * float(target @ target):
             break
     columns = rows.answers.reshape(len(rows.output), len(denominator), -1) @ weights
@@ -174,7 +176,8 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     late = np.arange(reach) - np.full((len(signals), 1), horizon)  # the past begins at 0
     late[-1] -= further
     late[0] = horizon  # the output is no input
-    future, past = np.flatnonzero(late < 0), np.flatnonzero((late >= 0) & (late < horizon))
+    future = np.flatnonzero(late < 0)
+    past = np.flatnonzero((late >= 0) & (late < horizon))
     inputs = np.concatenate([future, past])
     gram = gram.reshape(late.size, -1)
     size = np.sqrt(np.diag(gram)[inputs, None])

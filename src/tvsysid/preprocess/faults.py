@@ -42,7 +42,8 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     >>> find_gaps(Recording(angle, torque, sampling_rate=1000))
     (Gap(trial=0, start=0.5, stop=0.55),)
     """
-    rate, starts = recording.sampling_rate, np.array(recording.trial_starts)
+    rate = recording.sampling_rate
+    starts = np.array(recording.trial_starts)
     signals = np.stack([recording.angle, recording.torque])
     bends = np.abs(np.diff(signals, 2))
     if not bends.size:
@@ -52,7 +53,8 @@ def find_gaps(recording: Recording) -> tuple[Gap, ...]:
     for begin in starts[1:]:
         straight[begin - 2 : begin] = False
     first, last = np.flatnonzero(np.diff(np.pad(straight, 1))).reshape(-1, 2).T
-    length, shortest = last - first + 2, max(MIN_GAP_S * rate, MIN_GAP_SAMPLES)
+    length = last - first + 2
+    shortest = max(MIN_GAP_S * rate, MIN_GAP_SAMPLES)
     is_gap = length >= shortest
     if np.sum(~is_gap & (length >= shortest / 3)) > is_gap.sum():
         return ()

@@ -54,7 +54,8 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
             "Nothing but noise is left. Use a perturbation that differs between realizations: a "
             "multisine needs lines that are no multiples of 1/period."
         )
-    angle, torque = deviations.pop("angle"), deviations.pop("torque")
+    angle = deviations.pop("angle")
+    torque = deviations.pop("torque")
     return attrs.evolve(
         ensemble,
         angle=angle,

@@ -85,7 +85,9 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     exclude large shifts without shifting the others, identify
     ``preparation.recorded.select(preparation.kept)``.
     """
-    rate, core, goal = ensemble.sampling_rate, ensemble.core, ensemble.signal(reference)
+    rate = ensemble.sampling_rate
+    core = ensemble.core
+    goal = ensemble.signal(reference)
     reach, target = round(search * rate), goal[:, core]
     if ensemble.context < reach:
         raise InputError(
@@ -98,7 +100,8 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
     ]
     shifts = np.argmin(errors, axis=0) - reach
     inner = np.arange(reach, ensemble.angle.shape[1] - reach)
-    rows, index = np.arange(len(ensemble))[:, None], inner + shifts[:, None]
+    rows = np.arange(len(ensemble))[:, None]
+    index = inner + shifts[:, None]
     signals = ensemble.mapped(lambda values: values[rows, index])
     signals["channels"][reference] = goal[:, inner]
     aligned = attrs.evolve(
@@ -107,7 +110,8 @@ def align(ensemble: Ensemble, reference: str, search: float = 0.5, max_shift: fl
         context=ensemble.context - reach,
         onsets=ensemble.onsets + shifts / rate,
     )
-    reached, torque = np.abs(shifts) / rate, aligned.torque[:, aligned.core]
+    reached = np.abs(shifts) / rate
+    torque = aligned.torque[:, aligned.core]
     kept = reached <= max_shift
     if not kept.any():
         raise InputError(

@@ -117,7 +117,8 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
         )
     if factor == 1:
         return recording
-    taps, shortest = SHARP * factor + 1 if sharp else TAPS, shortest_trial(recording)
+    taps = SHARP * factor + 1 if sharp else TAPS
+    shortest = shortest_trial(recording)
     if shortest < taps:
         raise InputError(
             f"decimate: a trial of {shortest} samples is shorter than the filter's {taps} samples"
@@ -209,7 +210,8 @@ def trim(recording: Recording, ends: float, margin: float = 0.0) -> Recording:
     not_negative.check("trim", "ends", ends)
     between(0, ends).check("trim", "margin", margin)
     rate = recording.sampling_rate
-    outside, kept_outside = round(ends * rate), round(margin * rate)
+    outside = round(ends * rate)
+    kept_outside = round(margin * rate)
     cut = outside - kept_outside
     return map_trials(
         recording,
@@ -251,7 +253,9 @@ def segment(
     margin = round(context * rate)
     lengths = np.array([trial.stop - trial.start for trial in recording.trials])
     if period is None:
-        samples, earliest, step = lengths.min() - 2 * margin, margin, lengths.max()
+        samples = lengths.min() - 2 * margin
+        earliest = margin
+        step = lengths.max()
     else:
         positive.check("segment", "period", period)
         samples = step = round(period * rate)
@@ -270,9 +274,11 @@ def segment(
     trials, first = np.array(begins, dtype=np.int64).reshape(-1, 2).T
     has_context = (first >= margin) & (first + samples + margin <= lengths[trials])
     kept = has_context.copy()
-    reach, start = margin + math.ceil(SMEARED_S * rate), recording.origin + recording.start
+    reach = margin + math.ceil(SMEARED_S * rate)
+    start = recording.origin + recording.start
     for gap in gaps if period else ():
-        begin, end = (gap.start - start) * rate - reach, (gap.stop - start) * rate + reach
+        begin = (gap.start - start) * rate - reach
+        end = (gap.stop - start) * rate + reach
         kept &= (trials != gap.trial) | (first + samples <= begin) | (first >= end)
     if samples < 1 or not kept.any():
         duration = f" of {period:g} s" if period else ""

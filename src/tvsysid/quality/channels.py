@@ -131,7 +131,8 @@ def sampling_rate(data: FittedEnsemble) -> Measured:
     stiffness, _, inertia = values
     if (np.abs(values) < SIGNIFICANT_ERRORS * errors)[[0, 2]].any() or stiffness * inertia < 0:
         raise NotApplicable("stiffness and inertia are not determined well enough")
-    frequency, inertia = math.sqrt(stiffness / inertia) / (2 * math.pi), abs(inertia)
+    frequency = math.sqrt(stiffness / inertia) / (2 * math.pi)
+    inertia = abs(inertia)
     octaves = math.log2(frequency / MIDDLE_FREQUENCY_HZ)
     if inertia > MAX_INERTIA and not FAULTS["torque-unit"].beyond(stiffness):
         # No frequency is too low for a heavy limb, but no joint moves one that is so heavy.

@@ -96,10 +96,12 @@ def _correlation(data: FittedEnsemble) -> tuple[Array, Array, float]:
 
     All lags use the same samples.
     """
-    residual, speed = data.fit.white_residual, np.abs(np.gradient(data.angle, axis=1))
+    residual = data.fit.white_residual
+    speed = np.abs(np.gradient(data.angle, axis=1))
     causes = np.stack([data.unpredicted(each) for each in (data.angle, speed - speed.mean(axis=0))])
     reach = min(round(MAX_LAG_S * data.rate), residual.shape[1] // 3)
-    lags, used = np.arange(-reach, reach + 1), causes[..., reach:-reach]
+    lags = np.arange(-reach, reach + 1)
+    used = causes[..., reach:-reach]
     moved = lagged(residual, -lags, reach, residual.shape[1] - reach)
     products = np.einsum("crt,lrt->lc", used, moved) / used[0].size
     scale = np.sqrt(np.mean(causes**2, axis=(1, 2)) * np.mean(residual**2))

@@ -54,7 +54,8 @@ def delay(data: FittedEnsemble) -> Measured:
     samples = _best_shift(data)
     for _ in range(STEPS):
         samples += _remaining_delay(_shifted(data, samples))[0]
-    aligned, value = _shifted(data, samples), 1000 * samples / data.rate
+    aligned = _shifted(data, samples)
+    value = 1000 * samples / data.rate
     step, error, change = 1000 / data.rate * _remaining_delay(aligned)
     significant = is_significant(value, error, len(data))
     significant &= abs(value) > max(abs(change), abs(step) / MAX_LAST_STEP)

@@ -214,7 +214,8 @@ def diagnose_recording(recording: Recording) -> dict[str, Finding]:
 def _measures(data: FittedEnsemble) -> dict[str, tuple[float, str]]:
     """Return values that describe an ensemble, with their units."""
     (stiffness, viscosity, inertia), _ = data.fit.mean_impedance
-    angle, explained = data.core("angle"), np.clip(data.fit.explained, 1e-9, 1 - 1e-9)
+    angle = data.core("angle")
+    explained = np.clip(data.fit.explained, 1e-9, 1 - 1e-9)
     power = np.cumsum(np.mean(np.abs(np.fft.rfft(angle, axis=1)[:, 1:]) ** 2, axis=0))
     within = 1 + np.searchsorted(power, BANDWIDTH_POWER * power[-1])
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -148,7 +148,8 @@ class SecondOrderFit:
 
     def of(self, realizations: NDArray[np.int64] | slice) -> SecondOrderFit:
         """Return the fit to some of the realizations, as deviations from their own mean."""
-        motion, torque = self.motion[:, realizations], self.torque[realizations]
+        motion = self.motion[:, realizations]
+        torque = self.torque[realizations]
         motion = motion - motion.mean(axis=1, keepdims=True)
         return SecondOrderFit(motion, torque - torque.mean(axis=0))
 
@@ -237,7 +238,8 @@ class FittedEnsemble:
 
     def unpredicted(self, signal: Array) -> Array:
         """Return what its past does not predict of a signal, at the whitened samples."""
-        first, stop = self.region.start - HALF_WIDTH, self.region.stop - HALF_WIDTH
+        first = self.region.start - HALF_WIDTH
+        stop = self.region.stop - HALF_WIDTH
         return filtered(signal, whitener(signal, HALF_WIDTH))[:, first + NOISE_PAST : stop]
 
     @property

@@ -111,7 +111,8 @@ def offset(data: FittedEnsemble, which: str) -> Measured:
 
 def _drift_of_offset(data: FittedEnsemble, which: str) -> tuple[Array, float]:
     """Return a line through the means of the realizations as recorded, and its rise's error."""
-    means, place = data.core(which).mean(axis=1)[data.order], np.linspace(-0.5, 0.5, len(data))
+    means = data.core(which).mean(axis=1)[data.order]
+    place = np.linspace(-0.5, 0.5, len(data))
     power = place @ place
     line = place @ means / power * place
     squares = np.sum((means - means.mean() - line) ** 2)
@@ -269,7 +270,9 @@ def misaligned_realizations(data: FittedEnsemble) -> Measured:
     odd, even = (fit.of(slice(first, None, 2)).impedance[0] for first in (0, 1))
     if np.corrcoef(odd, even)[0, 1] < MIN_REPEAT:
         raise NotApplicable("stiffness hardly varies within a realization, so that no shift shows")
-    rest, reach, left = fit.torque - fit.parts[2], fit.torque.shape[1] // 4 // SHIFT_STEP, []
+    rest = fit.torque - fit.parts[2]
+    reach = fit.torque.shape[1] // 4 // SHIFT_STEP
+    left = []
     for step in range(-reach, reach + 1):
         shifted = np.roll(fit.impedance[:2], step * SHIFT_STEP, axis=1)
         error = fit.whitened(rest - np.einsum("at,art->rt", shifted, fit.motion[:2]))
@@ -348,7 +351,9 @@ def lines(scores: Array, ensemble: Ensemble) -> tuple[Array, Array, Array]:
     The scores have shape (realization, time). The realizations of a trial are transformed together,
     each turned by its onset. The frequencies are few: some cycles per realization.
     """
-    duration, rate, samples = ensemble.duration, ensemble.sampling_rate, scores.shape[1]
+    duration = ensemble.duration
+    rate = ensemble.sampling_rate
+    samples = scores.shape[1]
     needed = math.ceil(_longest(ensemble) * rate / RESOLUTION) + 2 * samples
     frequencies = np.arange(needed) * rate / next_fast_len(needed, real=True)
     top = min(MAX_CYCLES / duration, 0.25 * rate)

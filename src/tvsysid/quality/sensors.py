@@ -61,9 +61,11 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     The mean over realizations may have been subtracted. So values at a sensor's limit are the same
     only at one time.
     """
-    count, values = MIN_TIED_REALIZATIONS, data.given.signal(which)[:, data.given.core]
+    count = MIN_TIED_REALIZATIONS
+    values = data.given.signal(which)[:, data.given.core]
     data.require(2 * count, response=False)
-    deviations, ordered = values - values.mean(axis=0), np.sort(values, axis=0)
+    deviations = values - values.mean(axis=0)
+    ordered = np.sort(values, axis=0)
     size = np.std(deviations)
     is_tied = ordered[count - 1 :] - ordered[: 1 - count] <= TIE_TOLERANCE * size
     tied = np.mean(is_tied[0] | is_tied[-1])
@@ -111,7 +113,8 @@ def lost(data: FittedEnsemble, which: str) -> Measured:
     A lost signal stands still, or is only what a subtracted mean left.
     """
     fit = data.fit
-    response, residual = fit.white_parts.sum(axis=0), fit.white_residual
+    response = fit.white_parts.sum(axis=0)
+    residual = fit.white_residual
     expected, there, left = _blocks([response, response + residual, residual]).var(axis=3)
     if which == "torque":
         # Filters of both channels leave hardly any noise. Then the fit's error looks like a loss

@@ -49,7 +49,8 @@ def gains(target: Array, regressors: Array) -> Array:
     The gain is negative where they predict nothing.
     """
     rows = regressors.transpose(1, 0, 2)
-    grams, moments = rows @ rows.transpose(0, 2, 1), (rows @ target[..., None])[..., 0]
+    grams = rows @ rows.transpose(0, 2, 1)
+    moments = (rows @ target[..., None])[..., 0]
     gain = np.empty(len(target))
     # Neighbours are held out together, because slow noise is alike in them.
     for out in np.array_split(np.arange(len(target)), FOLDS):
@@ -65,7 +66,8 @@ def gained_share(target: Array, regressors: Array, known: Array | None = None) -
     With ``known`` regressors, it is that of what these leave of both.
     """
     if known is not None:
-        target, regressors = without(target, known), without(regressors, known)
+        target = without(target, known)
+        regressors = without(regressors, known)
     return float(gains(target, regressors).sum() / (np.sum(target**2) + TINY))
 
 

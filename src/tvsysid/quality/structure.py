@@ -85,7 +85,9 @@ def _moved_angle(data: FittedEnsemble, reference: str) -> tuple[Array, float]:
 
     Realizations are predicted by what the others show.
     """
-    ensemble, core, (after, before) = data.ensemble, data.ensemble.core, lag_samples(data.rate)
+    ensemble = data.ensemble
+    core = data.ensemble.core
+    (after, before) = lag_samples(data.rate)
     groups = realization_groups(ensemble.trials, ensemble.onsets)
     command = np.pad(data.signal(reference), ((0, 0), (before, after)))
     moved = predicted(command, data.angle, core, data.rate, groups)
@@ -107,16 +109,19 @@ def _require_leading(data: FittedEnsemble, channel: str) -> None:
     middle = values[:, slice(*ends)]
     if not gained_share(middle, angles, torques) > gained_share(middle, torques):
         raise NotApplicable(f"{channel!r} is the torque")
-    leads, follows = _predicted(data.angle, values), _predicted(values, data.angle)
+    leads = _predicted(data.angle, values)
+    follows = _predicted(values, data.angle)
     if leads < MIN_LEAD or follows > MAX_FOLLOW:
         raise NotApplicable(f"{channel!r} does not move before the angle")
 
 
 def _predicted(signal: Array, cause: Array) -> float:
     """Return the share of a signal, unpredicted by its own past, that a cause's past predicts."""
-    own, lags = AHEAD + np.arange(ANGLE_PAST), AHEAD + np.arange(0, CAUSE_PAST, 2)
+    own = AHEAD + np.arange(ANGLE_PAST)
+    lags = AHEAD + np.arange(0, CAUSE_PAST, 2)
     start, stop = own[-1], signal.shape[1]
-    causes, past = lagged(cause, lags, start, stop), lagged(signal, own, start, stop)
+    causes = lagged(cause, lags, start, stop)
+    past = lagged(signal, own, start, stop)
     return gained_share(signal[:, start:], causes, past)
 
 
@@ -141,9 +146,13 @@ def feedback(data: FittedEnsemble) -> Measured:
     reflex is late. All signals are whitened, and the test is by held-out realizations.
     """
     data.require()
-    fit, origin, last = data.fit, data.region.start, FEEDBACK_LAGS[-1]
-    angle, torque = fit.whitened(data.angle), fit.whitened(np.stack([fit.residual, fit.torque]))
-    start, stop = max(origin, last), min(origin + torque.shape[2], angle.shape[1] - last)
+    fit = data.fit
+    origin = data.region.start
+    last = FEEDBACK_LAGS[-1]
+    angle = fit.whitened(data.angle)
+    torque = fit.whitened(np.stack([fit.residual, fit.torque]))
+    start = max(origin, last)
+    stop = min(origin + torque.shape[2], angle.shape[1] - last)
     if stop - start < last:
         raise NotApplicable(TOO_SHORT)
     earlier = lagged(angle, [*FEEDBACK_LAGS, 1, 0, -1], start, stop)
@@ -204,7 +213,8 @@ def slow_answer(data: FittedEnsemble) -> Measured:
     data.require()
     if data.finding("reflex").found:
         raise NotApplicable("a reflex is found, whose answer is late; longer lags do not mend that")
-    region, start = data.region, max(data.region.start, LATE_LAGS[-1])
+    region = data.region
+    start = max(data.region.start, LATE_LAGS[-1])
     causes = lagged(np.gradient(data.angle, axis=1), LATE_LAGS, start, region.stop)
     residual = data.fit.residual[:, start - region.start :]
     what = "the movement 40 to 300 ms before predicts {} of the residual torque"

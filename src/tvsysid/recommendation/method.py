@@ -273,7 +273,8 @@ def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iter
 def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> DataProperties:
     """Add to the ``known`` properties those from the diagnosis and from fits to the ensemble."""
     findings = {each.name: each for each in diagnosis.checks}
-    ratio, loop = diagnosis.measures["signal-to-noise ratio"][0], findings.get("loop-bias")
+    ratio = diagnosis.measures["signal-to-noise ratio"][0]
+    loop = findings.get("loop-bias")
     measured = attrs.evolve(
         known,
         information=len(ensemble) * 10 ** (ratio / 10),
@@ -296,7 +297,8 @@ def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> 
 
 def _slow_noise(diagnosis: Diagnosis) -> float:
     """Return the ratio in dB of the noise's mean power density below 5 Hz to that at 8 to 25 Hz."""
-    frequency, power = diagnosis.curves.frequency, diagnosis.curves.residual_power
+    frequency = diagnosis.curves.frequency
+    power = diagnosis.curves.residual_power
     bands = ((frequency > start) & (frequency <= stop) for start, stop in BANDS_HZ)
     low, high = (float(power[band].mean()) for band in bands)
     return 10 * math.log10(low / high) if low > 0 and high > 0 else math.nan

@@ -54,7 +54,7 @@ BAND = Validator(
 
 
 @attrs.frozen
-class KernelRegression(shared.ByReference):
+class KernelRegression(shared.ReferenceMethod):
     r"""Impedance that changes smoothly and almost periodically, fitted in the frequency domain.
 
     .. math:: y(t) = \sum_{m=0}^{2} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad

@@ -1,7 +1,7 @@
 """Provide the functions and names that several methods share."""
 
 from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
-from tvsysid.methods.shared.instrument import MIN_SHARE, ByReference
+from tvsysid.methods.shared.instrument import MIN_SHARE, ReferenceMethod
 from tvsysid.methods.shared.residuals import (
     colour_lags,
     independent_realizations,

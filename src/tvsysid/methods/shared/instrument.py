@@ -30,7 +30,7 @@ MIN_SHARE = 0.01  # for any method
 WEAK_SHARE = 0.5  # below, there is a warning
 
 
-class ByReference(Method):
+class ReferenceMethod(Method):
     """Identify a joint, also in closed loop if a ``reference`` moves the angle.
 
     A subclass implements ``_fit``.

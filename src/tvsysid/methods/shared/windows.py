@@ -62,11 +62,13 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * (lags + margin)
     # Sample 0 below is the one `margin` before the first time.
-    realizations, length = independent_realizations(ensemble), times + 2 * margin
+    realizations = independent_realizations(ensemble)
+    length = times + 2 * margin
     derivative = derivative_filters(lags, ensemble.sampling_rate)
     parts = []
     for chunk in time_chunks(times, 2 * lags + 1):
-        begin, end = max(0, chunk.start + margin - half), min(length, chunk.stop + margin + half)
+        begin = max(0, chunk.start + margin - half)
+        end = min(length, chunk.stop + margin + half)
         within = slice(begin, end + 2 * lags)
         centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
         summed = np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags)
@@ -74,7 +76,8 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
         phi_uu, phi_uy, square, mean = (
             total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums
         )
-        count, independent = samples * len(ensemble), samples * realizations
+        count = samples * len(ensemble)
+        independent = samples * realizations
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
         solution = solve(phi_uu, phi_uy, variance, count)
         fit, inverse = second_order_fit(derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T)
@@ -156,7 +159,8 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     # Windows near the ends are cut short, each to another length. The others have one length.
     edges = [time for time in range(times + 1) if not cut < time < times - cut]
     for start, stop in pairwise(edges):
-        begin, end = max(0, start - cut), min(start - cut + len(absorbed), times + 2 * margin)
+        begin = max(0, start - cut)
+        end = min(start - cut + len(absorbed), times + 2 * margin)
         u = sliding_window_view(angle, end - begin, axis=1)[
             :, begin : begin + stop - start + 2 * lags
         ]
@@ -181,7 +185,8 @@ def impulse_response_model(
     inertia are those of the ``impedance`` (time, 3).
     """
     lags = weights.shape[1] // 2
-    missing, rate = missing_edge(lags, ensemble), ensemble.sampling_rate
+    missing = missing_edge(lags, ensemble)
+    rate = ensemble.sampling_rate
     response = padded(weights * rate, missing)
     over_time = padded(impedance, missing)
     area = response.sum(axis=1) / rate  # equation 20

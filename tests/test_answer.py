@@ -151,6 +151,6 @@ def test_methods_with_one_pathway_differ_by_what_they_say_without_the_reflex():
     assert found.answer.label == "cascade"
     as_it_is = abs(found.models["kbr"].stiffness - found.answer.stiffness).mean()
     assert found.answer.difference < 0.3 * as_it_is
-    first, *_ = str(found).splitlines()[1:]
+    first, *_ = str(found).splitlines()
     assert first.startswith("recommended (cascade): stiffness ")
     assert first.endswith(f"; methods differ by ± {found.answer.difference:.1f}")

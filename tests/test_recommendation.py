@@ -46,6 +46,7 @@ def test_every_rule_decides_a_case_and_names_methods():
             tv.methods.parse(typed.format(reference="command", scheduling="emg"))
 
 
+@pytest.mark.filterwarnings("ignore::tvsysid.DataQualityWarning")
 def test_few_realizations_and_the_method_that_leads_then():
     ensemble = ensemble_of().select([0, 1])
     assert tv.recommend(ensemble).suited == ("cascade", "kbr")

@@ -12,7 +12,9 @@ from . import study as study
 from . import uncertainty as uncertainty
 from .check import check_method as check_method
 from .comparison import Comparison as Comparison
+from .comparison import PreparedRecording as PreparedRecording
 from .comparison import compare as compare
+from .comparison import prepare as prepare
 from .errors import DataQualityWarning as DataQualityWarning
 from .errors import InputError as InputError
 from .explorer import explore as explore

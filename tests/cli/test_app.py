@@ -50,9 +50,12 @@ def test_without_a_command_the_help_is_shown(tvsysid):
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (f"identify nowhere.mat {SIGNALS}", "nowhere.mat: no such file"),
+        (f"identify nowhere.mat {SIGNALS} --decimate 100 --period 2", "nowhere.mat: no such file"),
         (f"identify joint.mat {SIGNALS}", "--period is missing: the duration of one repetition"),
-        ("identify joint.mat --angle angle --rate 1000", "torque is missing; add --torque."),
+        (
+            "identify joint.mat --angle angle --rate 100 --period 2",
+            "torque is missing; add --torque.",
+        ),
         ("identify", "FILE requires an argument (see tvsysid identify --help)"),
         (IDENTIFY_JOINT + "--angle pos", "no channel 'pos'; the file holds angle (40000 x 1"),
         (IDENTIFY_JOINT + "--torque-sign 3", "for --torque-sign. Choose from: 1, -1 (see tvsysid"),

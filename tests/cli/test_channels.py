@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from tests.cli.conftest import rows_of
 
 import tvsysid as tv
 
@@ -49,17 +48,18 @@ def test_own_methods_of_which_one_is_skipped_and_one_fails(tvsysid, tmp_path, mo
     own = " --method ".join(f"channel_methods:{name}" for name in ("Scheduled", "Lazy", "Faulty"))
     code, out, err = tvsysid(f"{words}{own} --method birf --channel emg=EMG_SIGNAL")
     assert code == 1
-    assert err.splitlines() == [
-        "warning: channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]",
-        "error: channel_methods:Faulty failed: ZeroDivisionError: division by zero "
+    assert err == ""
+    for line in (
+        "channel_methods:Lazy is skipped: it wants a [bold]holiday[/bold]",
+        "channel_methods:Faulty failed: ZeroDivisionError: division by zero "
         "(channel_methods.py, line 24)",
-    ]
-    assert "[red]joint.npz: " in out
-    # A quantity over time has a column of its own; one over EMG is in the further estimates.
+    ):
+        assert line in out.splitlines()
+    # A quantity over time has a column of its own; one over EMG is in another table.
     table = pd.read_csv("tvsysid-identify/stiffness.csv").groupby("method").emg_level.mean()
     assert table["channel_methods:Scheduled"] == pytest.approx(1, abs=0.02)
-    row = ["channel_methods:Scheduled", "stiffness", "N·m/rad", "emg", "100", "50", "150"]
-    assert row in rows_of(out)
+    over_emg = pd.read_csv("tvsysid-identify/scheduled.csv").query("quantity == 'stiffness'")
+    assert over_emg.estimate.agg(["mean", "min", "max"]).tolist() == [100, 50, 150]
     # If no method is left, that is an error.
     code, _, err = tvsysid(f"{words}channel_methods:Scheduled")
     assert code == 2
@@ -82,7 +82,6 @@ def test_a_joint_that_follows_a_variable_needs_no_period(tvsysid):
     code, out, err = tvsysid(f"identify {words} --out found")
     assert code == 0, err
     assert "1 realization" in out
-    assert "VAF, five folds" in out
     table = pd.read_csv("found/scheduled.csv")
     assert set(table.method) == {"lpv", "lpvkbi"}
     stiffness = table[(table.quantity == "scheduled_stiffness") & (table.method == "lpvkbi")]

@@ -63,12 +63,13 @@ def test_simulate_then_identify(tvsysid, tmp_path):
 def test_by_default_the_answer_comes_first(identify):
     code, out, _ = identify()
     assert code == 0
-    _, first, switch, *_ = out.splitlines()
+    first, *lines = out.splitlines()
     found = re.fullmatch(
         r"recommended \(adaptive\): stiffness ([\d.]+) to ([\d.]+) N·m/rad, .* band ± [\d.]+", first
     )
     assert [float(each) for each in found.groups()] == pytest.approx([50, 150], abs=5)
-    assert switch.startswith("  switch at ")
+    assert max(map(len, lines[: lines.index("") + 5])) <= 80
+    assert any(line.startswith("switch at ") for line in lines)
     assert tuple(written().method.unique()) == ("adaptive", "sds")
     assert identify("--method published")[0] == 0
     assert tuple(written().method.unique()) == PAPER_METHODS
@@ -94,7 +95,7 @@ def test_no_stiffness_is_stated_from_data_that_make_it_wrong(
     )
     code, out, _ = identify(f"{options} --method adaptive")
     assert code == 0
-    first = out.splitlines()[1]
+    first = out.splitlines()[0]
     assert first.startswith(f"no stiffness is stated. {reason}")
     assert remedy in first
     assert "\nnot valid: stiffness" in out
@@ -113,7 +114,7 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(identif
     command = recording.channels["disturbance"]
     savemat("joint.mat", {"angle": recording.angle, "torque": recording.torque, "cmd": command})
     _, out, _ = identify("--method adaptive")
-    first = out.splitlines()[1]
+    first = out.splitlines()[0]
     assert first.startswith("no stiffness is stated. Channel 'cmd' moves the angle, and was not ")
     reading = Reading(angle="angle", torque="torque", sampling_rate=1000)
     settings = Settings(Path("joint.mat"), reading, Segmentation(period=2, decimate=100))
@@ -121,7 +122,7 @@ def test_a_command_in_the_file_that_nobody_named_withdraws_the_stiffness(identif
     options = first.partition("identify by ")[2].removesuffix(".")
     assert options == "--channel cmd=cmd --method kbr:reference=cmd,weighting=residual"
     _, out, _ = identify(options)
-    (stiffness,) = (row[1] for row in rows_of(out) if row[0].startswith("kbr:reference"))
+    (stiffness,) = (row[1] for row in rows_of(out) if row[0] == options[-36:-6])
     assert float(stiffness) == pytest.approx(100, rel=0.1)
     assert "no stiffness" not in out
 
@@ -171,7 +172,7 @@ def test_a_folder_of_recordings_is_one_table_and_one_page(tvsysid, tmp_path):
     tvsysid(f"inspect people/anna.mat {IDENTIFY} --save")
     code, out, err = tvsysid("identify people --method sds")
     assert code == 1
-    assert err == "error: notes.csv: no channel 'angle'; the file holds age (1)\n"
+    assert err.splitlines()[-1] == "error: notes.csv: no channel 'angle'; the file holds age (1)"
     assert [row[:2] for row in rows_of(out)[-3:-1]] == [["anna.mat", "sds"], ["bert.mat", "sds"]]
     page = (tmp_path / "tvsysid-identify" / "report.html").read_text()
     assert "Stiffness of 2 recordings" in page

@@ -3,6 +3,7 @@
 import pytest
 from tests.cli.conftest import IDENTIFY, rows_of
 
+import tvsysid as tv
 from tvsysid.cli.options import rate_options
 
 
@@ -30,11 +31,11 @@ def test_saved_settings_are_found_and_options_override_them(tvsysid, tmp_path):
     assert code == 0
     assert "wrote joint.mat.toml; identify with\ntvsysid identify joint.mat\n" in out
     code, out, err = tvsysid("identify joint.mat --method sds --torque-unit Nm --period 1")
-    assert (code, err) == (0, "")
-    first, second, *_ = out.splitlines()
-    assert first == "settings of joint.mat.toml; options override them"
-    assert "18 realizations of 1 s at 100 Hz" in second
-    assert "torque RMS 1.07 N·m" in second
+    assert (code, err) == (0, "note: settings of joint.mat.toml; options override them\n")
+    assert "18 realizations of 1 s at 100 Hz" in out
+    assert "torque RMS 1.07 N·m" in out
+    prepared = tv.prepare("joint.mat", torque_unit="Nm", period=1.0)
+    assert repr(tv.compare(prepared, ["sds"])) in out
     for text, message in {
         "perod = 2": 'Unknown option: "[perod]" from joint.mat.toml. Did you mean --period?',
         "perod": "joint.mat.toml: Expected '=' after a key",
@@ -52,7 +53,7 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     code, out, err = tvsysid(f"inspect joint.mat --diagnose {IDENTIFY}")
     assert (code, err) == (0, "")
     assert (
-        "joint.mat (angle, torque): Diagnosis of 28 realizations of 2 s at 1000 Hz: no fault found "
+        "joint.mat (angle, torque): Diagnosis of 28 realizations of 2 s at 100 Hz: no fault found "
         "in 29 of 32 checks" in out
     )
     assert (

@@ -83,13 +83,13 @@ def found(file):
 def test_page_command_sheet_and_python_give_one_answer(file, tvsysid, method):
     found = outcome(settings_from(FORM | {"method": method}, start(file)))
     answer, names = found.found.answer, {}
-    exec(found.settings.python(found.prepared.centered), names)
+    exec(found.settings.python, names)
     assert repr(names["found"]) == repr(found.found)
     np.testing.assert_array_equal(names["found"].answer.stiffness, answer.stiffness)
     command = shlex.split(found.settings.command)[1:]
     code, out, _ = tvsysid(*command, "--sheet", "--out", "found")
     assert code == 0
-    assert "\n  ".join(answer.lines) in out
+    assert repr(found.found) in out
     with xr.open_datatree("found/models.nc", engine="h5netcdf") as tree:
         assert tree.attrs.items() >= facts(found.found, file.name).items()  # of the sheet
         np.testing.assert_array_equal(tree[tree.leading].stiffness, answer.stiffness)
@@ -102,7 +102,7 @@ def test_the_python_shown_of_a_recording_without_a_file(recording):
     assert len(found.notes) == 2
     assert found.settings.command == ""
     names: dict = {"recording": spoilt}
-    exec(found.settings.python(found.prepared.centered), names)
+    exec(found.settings.python, names)
     assert repr(names["found"]) == repr(found.found)
 
 
@@ -111,7 +111,7 @@ def test_only_what_changes_is_done_anew(found, monkeypatch):
         raise AssertionError("done anew")
 
     found = outcome(found.settings)  # other tests may have filled the caches meanwhile
-    monkeypatch.setattr(steps, "read_recording", nobody)
+    monkeypatch.setattr(steps, "prepare", nobody)
     again = attrs.evolve(found.settings, method="birf:max_lag=0.3,reference=command")
     assert outcome(again).found is outcome(again).found
     monkeypatch.setattr(steps, "compare", nobody)

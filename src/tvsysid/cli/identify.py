@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import shlex
-import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +16,7 @@ from tvsysid.cli.console import (
     say_written,
     show_table,
     shown_progress,
+    warnings_last,
 )
 from tvsysid.cli.options import (
     SLOW_RATE,
@@ -29,7 +28,7 @@ from tvsysid.cli.options import (
     rate_options,
 )
 from tvsysid.cli.running import command_line
-from tvsysid.errors import DataQualityWarning, InputError, printable
+from tvsysid.errors import InputError, printable
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
@@ -41,34 +40,12 @@ NO_PERIOD = (
     "held still, any duration will do (--period 2). If nothing repeats, name the channel of a "
     "variable that the stiffness depends on (--scheduling CHANNEL)"
 )
-IMPEDANCE_COLUMNS = {  # name and format of each column, by heading
-    "method": "method",
-    "mean": "stiffness (N·m/rad):.1f",
-    "±\n95 %": "half_band (N·m/rad):.1f",
-    "lowest": "lowest (N·m/rad):.1f",
-    "at\n(s)": "lowest at (s):.2f",
-    "highest": "highest (N·m/rad):.1f",
-    "at\n(s) ": "highest at (s):.2f",
-    "inertia": "inertia (kg·m²):.4f",
-    "VAF": "VAF (%):.1f",
-    "held\nout": "held out:.1f",
-}
 RECORDING_COLUMNS = {
     "recording": "recording",
     "method": "method",
     "stiffness\n(N·m/rad)": "stiffness (N·m/rad)",
     "VAF\n(%)": "VAF (%)",
     "faults": "faults of the data",
-}
-FURTHER_COLUMNS = {
-    "method": "method",
-    "quantity": "quantity",
-    "unit": "unit",
-    "over": "over",
-    "mean": "mean:.4g",
-    "± 95 %": "half_band:.3g",
-    "lowest": "lowest:.4g",
-    "highest": "highest:.4g",
 }
 
 
@@ -151,6 +128,7 @@ def _identify_all(
         raise InputError("found no recordings, or two files with the same name; rename one")
     code, folders = 0, []
     for file in recordings:
+        say(f"\n{file.name}", "bold")
         try:
             code |= identify_one(file, out / file.name)
             folders.append(out / file.name)
@@ -169,61 +147,45 @@ def _identify_one(
     file: Path, out: Path, reading: Reading, segmentation: Segmentation, options: Options
 ) -> int:
     """Identify one recording, write its folder, print the answer, and return the exit code."""
-    from tvsysid.comparison import compare, prepare_recording, with_checks
-    from tvsysid.methods import centered_channels, expand, parse
-    from tvsysid.recordings import read_recording
+    from tvsysid.comparison import compare, prepare
     from tvsysid.report import write_folder
 
-    recording, method = read_recording(file, reading), options.method or []
     if segmentation.period is None and "scheduling" not in reading.channels:
         raise InputError(NO_PERIOD)
-    out.mkdir(parents=True, exist_ok=True)
-    rate = recording.sampling_rate
-    if segmentation.decimate is None and rate > SLOW_RATE:
+    rate = reading.sampling_rate
+    if segmentation.decimate is None and rate is not None and rate > SLOW_RATE:
         remark(
             "note", f"at {rate:g} Hz this takes minutes. It takes seconds with {rate_options(rate)}"
         )
-    prepared = prepare_recording(
-        recording,
-        segmentation,
-        centered_channels(map(parse, expand(method))),
-        align_channels=options.align_channels,
-        remove_mains=options.remove_mains,
-    )
-    for note in prepared.notes:
-        say(note)
-    say(f"{file.name}: {prepared.ensemble!r}")
-    with shown_progress("identifying") as advance, warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DataQualityWarning)
-        comparison = compare(prepared.ensemble, method, tune=options.tune, progress=advance)
-    _show_warnings(str(each.message) for each in caught)
-    for label, reason in comparison.skipped.items():
-        remark("warning", f"{label} is skipped: {reason}")
-    for label, reason in comparison.failed.items():
-        remark("error", f"{label} failed: {reason}")
-    with shown_progress("predicting held-out realizations") as advance:
-        comparison = with_checks(comparison, prepared, file, reading, advance)
-    source = _source(file, reading)
-    written = write_folder(
-        out, comparison, source, prepared.corrections, command_line(), options.sheet, recording
-    )
-    _show_impedance(comparison)
-    _show_diagnosis(comparison)
-    _show_settings(comparison)
-    say_written(out, written)
-    return int(bool(comparison.failed))
-
-
-def _show_warnings(texts: Iterable[str]) -> None:
-    """Print the first of the warnings that differ in the method and in numbers alone."""
-    alike: dict[str, dict[str, str]] = {}
-    for text in texts:
-        label, _, reason = text.partition(": ")
-        alike.setdefault(re.sub(r"\d", "", reason), {}).setdefault(label, text)
-    for texts_by_label in alike.values():
-        first, *others = texts_by_label
-        also = f" (similarly {', '.join(others)})" if others else ""
-        remark("warning", texts_by_label[first] + also)
+    with warnings_last():
+        prepared = prepare(
+            file,
+            reading,
+            segmentation,
+            align_channels=options.align_channels,
+            remove_mains=options.remove_mains,
+        )
+        out.mkdir(parents=True, exist_ok=True)
+        with shown_progress("identifying") as advance:
+            found = compare(prepared, options.method or [], tune=options.tune, progress=advance)
+        with shown_progress("predicting held-out realizations") as advance:
+            found = attrs.evolve(found, held_out=found.predict_held_out(progress=advance))
+        written = write_folder(
+            out,
+            found,
+            _source(file, reading),
+            prepared.corrections,
+            command_line(),
+            options.sheet,
+            prepared.recording,
+        )
+        say(repr(found))
+        for note in prepared.notes:
+            say(note)
+        _show_diagnosis(found)
+        _show_settings(found)
+        say_written(out, written)
+    return int(bool(found.failed))
 
 
 def _source(file: Path, reading: Reading) -> dict[str, str]:
@@ -234,20 +196,6 @@ def _source(file: Path, reading: Reading) -> dict[str, str]:
         "angle": f"channel {reading.angle}, in {reading.angle_unit}",
         "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
     }
-
-
-def _show_impedance(comparison: Comparison) -> None:
-    """Print the answer, a table of all methods, and a table of their further estimates."""
-    from tvsysid.report.estimates import further
-
-    answer = comparison.answer
-    say("\n  ".join(answer.lines))
-    table = comparison.summary()
-    table["held out"] = table.method.map(answer.vaf)
-    title = "stiffness with its band and extremes (N·m/rad), inertia (kg·m²), VAF (%)"
-    validity = "" if answer.is_stated else "not valid: "
-    show_table(validity + title, table.to_dict("records"), IMPEDANCE_COLUMNS)
-    show_table("further estimates", further(comparison).to_dict("records"), FURTHER_COLUMNS)
 
 
 def _show_diagnosis(comparison: Comparison) -> None:

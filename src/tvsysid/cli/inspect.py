@@ -41,8 +41,7 @@ def inspect(
     clipped signals, drift, misaligned realizations, a wrong period, feedback, reflexes. Prints the
     effect and the remedy of each fault and, with `--period`, which method suits the data. Writes a
     page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture. ANGLE and TORQUE are
-    the channels' names. `--decimate` is ignored here, because decimation would hide some faults.
-    `tvsysid identify` diagnoses the decimated data: a fault near its limit may differ.
+    the channels' names. The data are those that `tvsysid identify` identifies with these options.
     Without `--period`, the record is cut into pieces of 2 s, and repetitions are not checked.
 
     Example: `tvsysid inspect ankle.mat`
@@ -101,40 +100,40 @@ def _show_diagnosis(
 ) -> None:
     """Diagnose a recording, print and write the findings, and recommend a method.
 
-    The recording is not decimated, because that would hide a clipped signal. Checks that need a low
-    rate decimate themselves. A method is recommended if the movement repeats.
+    The data are corrected as ``tvsysid identify`` does; faults that it corrects count as found. A
+    method is recommended if the movement repeats.
     """
-    from tvsysid.comparison import prepare_recording
-    from tvsysid.quality import diagnose
+    from tvsysid.comparison import prepare
+    from tvsysid.quality import FAULTS
     from tvsysid.recommendation import recommend
-    from tvsysid.recordings import read_recording
     from tvsysid.report import write_diagnosis
     from tvsysid.report.diagnosis import recording_illustration
 
     repeats = segmentation.period is not None
     if not repeats:
         remark("note", "repetitions are not checked; if the movement repeats, add --period")
-    recording = read_recording(file, reading)
-    prepared = prepare_recording(
-        recording,
-        attrs.evolve(segmentation, decimate=None),
-        () if reference is None else [reference],
-        align_channels=False,
-        remove_mains=False,
-    )
-    ensemble = prepared.diagnosed
     with errors.status("diagnosing"):
-        diagnosis = diagnose(ensemble, reference, repeats=repeats, recording=recording)
+        prepared = prepare(file, reading, segmentation).center([reference] if reference else [])
+        diagnosis = prepared.diagnose(reference)
+        if isinstance(diagnosis, str):
+            raise InputError(diagnosis)
+        corrected = {each.name: each for each in prepared.corrected}
+        checks = {each.name: each for each in diagnosis.checks} | corrected
+        diagnosis = attrs.evolve(
+            diagnosis, checks=tuple(checks[name] for name in FAULTS if name in checks)
+        )
         # A file may hold several pairs of channels. Each pair has its own page.
         stem = re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}")
         page = folder / f"{stem}.diagnosis.html"
         name = f"{file.name} ({reading.angle}, {reading.torque})"
-        pictures = {name: recording_illustration(recording, prepared.ensemble)}
+        pictures = {name: recording_illustration(prepared.recording, prepared.ensemble)}
         write_diagnosis(page, {name: diagnosis}, command_line(), pictures)
     say(f"{name}: {diagnosis!r}")
+    for note in prepared.notes:
+        say(note)
     if repeats:
         with errors.status("choosing a method"):
-            recommendation = recommend(ensemble, reference, diagnosis=diagnosis)
+            recommendation = recommend(prepared.ensemble, reference, diagnosis=diagnosis)
         say(repr(recommendation))
     say(f"wrote {page}")
 

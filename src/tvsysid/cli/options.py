@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import attrs
 from cyclopts import App, ArgumentCollection, Parameter, default_name_transform
 
-from tvsysid.cli.console import say
+from tvsysid.cli.console import remark
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation, named_channels
 
@@ -80,7 +80,7 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
         options = {option_name(name): value for name, value in saved.items()}
         use = Dict(options, source=str(paths[0]), use_commands_as_keys=False)
         use(app, commands, arguments)
-        say(f"settings of {paths[0]}; options override them")
+        remark("note", f"settings of {paths[0]}; options override them")
 
 
 def rate_options(rate: float | None) -> str:

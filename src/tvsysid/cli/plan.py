@@ -121,13 +121,12 @@ def plan(
 
 def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol:
     """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
-    from tvsysid.comparison import prepare_recording
+    from tvsysid.comparison import prepare
     from tvsysid.planning import Protocol
     from tvsysid.quality import diagnose
-    from tvsysid.recordings import read_recording
 
     cutting = attrs.evolve(segmentation, period=segmentation.period or PERIOD_S)
-    prepared = prepare_recording(read_recording(file, reading), cutting)
+    prepared = prepare(file, reading, cutting)
     for note in prepared.notes:
         say(note)
     for found in diagnose(prepared.ensemble).findings:

@@ -26,6 +26,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDS = 5
+TABLE = {  # columns of the summary that are printed
+    "method": "method",
+    "stiffness (N·m/rad)": "mean",
+    "half_band (N·m/rad)": "band ±",
+    "lowest (N·m/rad)": "lowest",
+    "highest (N·m/rad)": "highest",
+}
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -135,9 +142,25 @@ class Comparison:
         )
 
     def __repr__(self) -> str:
-        reasons = map(": ".join, {**self.skipped, **self.failed}.items())
-        title = f"{', '.join(self.models)} on {self.ensemble!r}"
-        return "\n".join([title, *self.answer.lines, *reasons])
+        answer, table = self.answer, self.summary().rename(columns=TABLE)
+        table["spread ±"] = table.method.map({answer.label: answer.difference})
+        table["VAF (%)"] = table.method.map(answer.vaf)
+        table["method"] = table.method.map("{:.30} ".format)
+        title = "stiffness (N·m/rad) and VAF of held-out realizations:"
+        return "\n".join(
+            [
+                "\n  ".join(answer.lines),
+                f"\n{'' if answer.is_stated else 'not valid: '}{title}",
+                table[[*TABLE.values(), "spread ±", "VAF (%)"]].to_string(
+                    index=False, na_rep="-", float_format="{:.1f}".format
+                ),
+                "",
+                *answer.changes,
+                *(f"{label} is skipped: {why}" for label, why in self.skipped.items()),
+                *(f"{label} failed: {why}" for label, why in self.failed.items()),
+                f"{', '.join(self.models)} on {self.ensemble!r}",
+            ]
+        )
 
     def plot(self, title: str = "") -> Figure:
         """Draw the estimates of all methods."""
@@ -146,13 +169,14 @@ class Comparison:
         return plot(self, title)
 
     def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(repr(self))}</pre>{self.summary().to_html(index=False)}"
+        return f"<pre>{html.escape(repr(self))}</pre>"
 
     def summary(self) -> pd.DataFrame:
         """Return a table with a row for each method.
 
-        It has means over time, extremes of the stiffness with their times, and the VAF. The column
-        names hold the units. ``half_band`` is the mean half width of the stiffness's 95 % band.
+        It has means over time, extremes of the stiffness with their times (NaN where it is
+        constant), and the VAF. The column names hold the units. ``half_band`` is the mean half
+        width of the stiffness's 95 % band.
         """
         import pandas as pd  # noqa: PLC0415  # heavy
 
@@ -161,15 +185,16 @@ class Comparison:
             stiffness, (lower, upper) = model.stiffness, model.limits("stiffness")
             lowest = np.argmin(np.nan_to_num(stiffness, nan=np.inf))
             highest = np.argmax(np.nan_to_num(stiffness, nan=-np.inf))
+            varies = 0.0 if stiffness[lowest] != stiffness[highest] else np.nan
             rows.append(
                 {
                     "method": label,
                     "stiffness (N·m/rad)": mean_of(stiffness),
                     "half_band (N·m/rad)": mean_of((upper - lower) / 2),
-                    "lowest (N·m/rad)": stiffness[lowest],
-                    "lowest at (s)": model.time[lowest],
-                    "highest (N·m/rad)": stiffness[highest],
-                    "highest at (s)": model.time[highest],
+                    "lowest (N·m/rad)": stiffness[lowest] + varies,
+                    "lowest at (s)": model.time[lowest] + varies,
+                    "highest (N·m/rad)": stiffness[highest] + varies,
+                    "highest at (s)": model.time[highest] + varies,
                     "viscosity (N·m·s/rad)": mean_of(model.viscosity),
                     "inertia (kg·m²)": mean_of(model.inertia),
                     "VAF (%)": mean_of(self.vaf[label]),

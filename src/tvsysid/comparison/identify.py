@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+
+import attrs
 
 from tvsysid.comparison.comparison import Comparison
-from tvsysid.errors import InputError, describe_error
-from tvsysid.methods import Evidence, Method, Tuned, expand, label_of, parse
+from tvsysid.comparison.prepared import PreparedRecording
+from tvsysid.errors import DataQualityWarning, InputError, describe_error
+from tvsysid.methods import (
+    Evidence,
+    Method,
+    Tuned,
+    centered_channels,
+    expand,
+    label_of,
+    parse,
+)
 from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
 
+ROLES = {"reference", "scheduling"}  # inputs whose channel may be any
+
 
 def compare(
-    ensemble: Ensemble,
+    data: Ensemble | PreparedRecording,
     methods: Iterable[str | Method] = (),
     *,
     tune: bool = False,
@@ -28,8 +44,10 @@ def compare(
 
     Parameters
     ----------
-    ensemble
-        Realizations, mean subtracted.
+    data
+        Realizations, mean subtracted, or the result of :func:`tvsysid.prepare`. With the latter,
+        the diagnosis counts gaps and mains hum, and channels of the file that drive the angle but
+        were not read are named: the answer is that of ``tvsysid identify``.
     methods
         Keys with settings if need be (``"sds:window=0.2"``), ``"module:Class"``, or methods.
         ``"published"`` is the five of van de Ruit et al. (2021), ``"all"`` every method. By
@@ -49,7 +67,7 @@ def compare(
     Warns
     -----
     DataQualityWarning
-        For warnings of the methods.
+        For warnings of the methods, once for each cause.
 
     Examples
     --------
@@ -71,13 +89,16 @@ def compare(
                 f"compare: two methods have the name {label}. Make their settings fields of the "
                 "class, so that the name holds them"
             )
+    if isinstance(data, PreparedRecording):
+        data = data.center(centered_channels(chosen.values()))
+    ensemble = data.ensemble if isinstance(data, PreparedRecording) else data
     queue = list(chosen.items())
     models: dict[str, Model] = {}
     predicted: dict[str, Array] = {}
     evidence: dict[str, Evidence] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
-    with single_thread():
+    with single_thread(), _one_warning_a_cause():
         for number, (label, method) in enumerate(queue or _usual(models)):
             progress(number, len(queue) or 3)
             chosen[label] = method
@@ -94,7 +115,31 @@ def compare(
                 failed[label] = describe_error(error)
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
-    return Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
+    found = Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
+    if not isinstance(data, PreparedRecording):
+        return found
+    inputs = found.inputs
+    unnamed = () if inputs.keys() & ROLES else tuple(data.unnamed_references())
+    diagnosis = data.diagnose(inputs.get("reference"))
+    return attrs.evolve(found, diagnosis=diagnosis, unnamed_references=unnamed)
+
+
+@contextmanager
+def _one_warning_a_cause() -> Iterator[None]:
+    """Give the warnings of several methods with one cause, but other numbers, as one."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DataQualityWarning)
+        yield
+    alike: dict[str, dict[str, str]] = {}
+    for each in caught:
+        label, _, reason = str(each.message).partition(": ")
+        if each.category is not DataQualityWarning:
+            warnings.warn(each.message, stacklevel=4)
+            continue
+        alike.setdefault(re.sub(r"\d", "", reason), {}).setdefault(label, reason)
+    for reasons in alike.values():
+        text = f"{', '.join(reasons)}: {next(iter(reasons.values()))}"
+        warnings.warn(text, DataQualityWarning, stacklevel=4)
 
 
 def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:

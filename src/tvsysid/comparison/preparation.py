@@ -1,101 +1,84 @@
-"""Correct a recording and cut it into realizations, as ``tvsysid identify`` does."""
+"""Read and correct a recording, and cut it into realizations, as ``tvsysid identify`` does."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import attrs
 import numpy as np
 
 from tvsysid import preprocess
 from tvsysid.comparison.identify import compare
+from tvsysid.comparison.prepared import PreparedRecording
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods.cascade.reflex_test import prediction_p_value
 from tvsysid.metrics import vaf
-from tvsysid.quality import Diagnosis, Finding, diagnose, diagnose_recording
-from tvsysid.recordings.reading import Segmentation
+from tvsysid.quality import Diagnosis, diagnose, diagnose_recording
+from tvsysid.recordings import Reading, Segmentation, read_recording
+from tvsysid.recordings.saved import saved_settings, settings_file
 from tvsysid.signals import Array, Ensemble, Recording
 
 SIGNIFICANCE = 0.05  # p-value below which one candidate predicts better than another
 PIECE_S = 2.0  # duration of the pieces in which a record without a period is diagnosed
 
 
-@attrs.frozen(eq=False)
-class PreparedRecording:
-    """A recording that was corrected and cut into realizations.
-
-    Parameters
-    ----------
-    recording
-        Recording as it was read.
-    ensemble
-        Realizations without their mean; a single one keeps its mean.
-    diagnosed
-        Ensemble to diagnose: ``ensemble``, or pieces of 2 s of a single realization.
-    findings
-        Results of the checks for gaps and mains hum, except for faults that were corrected.
-    corrections
-        What was corrected, for the methods paragraph.
-    notes
-        The same, and a delay, with numbers and in sentences.
-    centered
-        Channels that lost their mean.
-    """
-
-    recording: Recording
-    ensemble: Ensemble
-    diagnosed: Ensemble
-    findings: tuple[Finding, ...]
-    corrections: tuple[str, ...]
-    notes: tuple[str, ...]
-    centered: tuple[str, ...]
-
-    def diagnose(self, reference: str | None = None) -> Diagnosis | str:
-        """Diagnose the data as they are identified; return why not if they are too short."""
-        repeats = self.diagnosed is self.ensemble
-        try:
-            found = diagnose(self.diagnosed, reference, repeats=repeats)
-        except InputError as error:
-            return str(error).removeprefix("diagnose: ")
-        return attrs.evolve(found, checks=(*found.checks, *self.findings))
-
-
-def prepare_recording(
-    recording: Recording,
-    segmentation: Segmentation,
-    centered: Iterable[str] = (),
+def prepare(
+    source: str | Path | Recording,
+    reading: Reading | None = None,
+    segmentation: Segmentation | None = None,
     *,
     align_channels: bool = True,
     remove_mains: bool = True,
+    **settings: Any,
 ) -> PreparedRecording:
-    """Leave out gaps, subtract mains hum, correct a delay, decimate, and cut into realizations.
+    """Read, correct and cut a recording as ``tvsysid identify`` does.
+
+    Leaves out realizations with gaps, subtracts mains hum, corrects a delay between the channels,
+    decimates, cuts into realizations, and subtracts their mean. ``tv.compare`` of the result gives
+    the answer of ``tvsysid identify``.
 
     Parameters
     ----------
-    recording
-        Recording as it was read, not decimated.
-    segmentation
-        Period, rate and context. Without a period, the record is one realization.
-    centered
-        Channels that lose their mean over realizations, as angle and torque do: see
-        :func:`tvsysid.methods.centered_channels`. Names that the recording lacks are ignored.
+    source
+        File, or a recording that is not decimated.
+    reading, segmentation
+        Settings for reading the file, and for cutting. By default, they are those that
+        ``tvsysid inspect --save`` wrote beside the file, and ``settings``.
     align_channels
         Whether to correct a delay between angle and torque, unless held-out realizations are
         predicted better without.
     remove_mains
         Whether to subtract mains hum that shows in the angle.
+    **settings
+        ``period`` in s, ``decimate`` in Hz and ``context`` in s, and for a file those of
+        :func:`tvsysid.read_recording`. Without a period, the record is one realization.
+
+    Examples
+    --------
+    >>> import tvsysid as tv
+    >>> joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
+    >>> simulation = joint.simulate(40, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1)
+    >>> tv.prepare(simulation.recording, period=2.0, decimate=100)
+    Ensemble(20 realizations of 2 s at 100 Hz, context 0.5 s; ...)
     """
-    period, context = segmentation.period, segmentation.context
-    names = tuple(name for name in centered if name in recording.channels)
-    findings, corrections, notes = diagnose_recording(recording), [], []
-    as_read = recording
+    if reading is None or segmentation is None:
+        reading, segmentation = _with_saved(source, settings)
+    file = None if isinstance(source, Recording) else Path(source)
+    as_read = recording = (
+        source if isinstance(source, Recording) else read_recording(source, reading)
+    )
+    period, context, rate = segmentation.period, segmentation.context, segmentation.decimate
+    findings, corrected, corrections, notes = diagnose_recording(recording), [], [], []
 
     def note(fault: str, correction: str) -> None:
         corrections.append(correction)
-        notes.append(f"{findings.pop(fault).what}; {correction}")
+        corrected.append(findings.pop(fault))
+        notes.append(f"{corrected[-1].what}; {correction}")
 
     gaps = preprocess.find_gaps(recording) if period else ()
     if remove_mains and findings["mains"].found:
@@ -106,20 +89,18 @@ def prepare_recording(
     @cache
     def decimated(delay: float) -> Recording:
         aligned = preprocess.align_channels(recording, delay) if delay else recording
-        if segmentation.decimate is None:
-            return aligned
-        return preprocess.decimate(aligned, segmentation.decimate, sharp=period is None)
+        return preprocess.decimate(aligned, rate, sharp=period is None) if rate else aligned
 
     @cache
     def ensemble(delay: float) -> Ensemble:
         cut = preprocess.segment(decimated(delay), period, context, gaps)
-        return preprocess.subtract_mean(cut, names) if len(cut) > 1 or period else cut
+        return preprocess.subtract_mean(cut) if len(cut) > 1 or period else cut
 
     def diagnosed(delay: float) -> Ensemble:
         if not ensemble(delay).mean_subtracted:
             with suppress(InputError):  # the record is too short for two pieces
                 pieces = preprocess.segment(decimated(delay), PIECE_S, context)
-                return preprocess.subtract_mean(pieces, names)
+                return preprocess.subtract_mean(pieces)
         return ensemble(delay)
 
     if gaps:
@@ -129,17 +110,32 @@ def prepare_recording(
     delay = 0.0
     if align_channels:
         with suppress(InputError):  # realizations are too few, or too short
-            delay, decision = delay_to_correct(ensemble, diagnose(diagnosed(0.0)))
+            diagnosis = diagnose(diagnosed(0.0))
+            delay, decision = delay_to_correct(ensemble, diagnosis)
             notes += filter(None, [decision])
+            corrected += [each for each in diagnosis.findings if each.name == "delay" and delay]
     return PreparedRecording(
         as_read,
         ensemble(delay),
         diagnosed(delay),
         tuple(findings.values()),
+        tuple(corrected),
         tuple(corrections),
         tuple(notes),
-        names,
+        file,
+        reading,
     )
+
+
+def _with_saved(
+    source: str | Path | Recording, settings: Mapping[str, Any]
+) -> tuple[Reading, Segmentation]:
+    """Return settings for reading and cutting: these, and those saved beside the file."""
+    if not isinstance(source, Recording) and (saved := settings_file(Path(source))).is_file():
+        settings = {**saved_settings(saved), **settings}
+    cutting = attrs.fields_dict(Segmentation).keys() & settings
+    reading = Reading(**{name: settings[name] for name in settings if name not in cutting})
+    return reading, Segmentation(**{name: settings[name] for name in cutting})
 
 
 def delay_to_correct(cut: Callable[[float], Ensemble], diagnosis: Diagnosis) -> tuple[float, str]:

@@ -9,18 +9,10 @@ from threading import Lock
 
 import attrs
 
-from tvsysid.comparison import (
-    Comparison,
-    PreparedRecording,
-    compare,
-    prepare_recording,
-    with_checks,
-)
+from tvsysid.comparison import Comparison, PreparedRecording, compare, prepare
 from tvsysid.errors import DataQualityWarning
 from tvsysid.explorer.settings import Settings
 from tvsysid.figures import drawn, identified_quantity
-from tvsysid.methods import centered_channels, parse
-from tvsysid.recordings import read_recording
 
 ONE_AT_A_TIME = Lock()  # warnings and the figures' style belong to all threads
 
@@ -61,25 +53,22 @@ def outcome(settings: Settings, quantity: str = "stiffness", simultaneous: bool 
 def _identify(
     settings: Settings, changed: int
 ) -> tuple[PreparedRecording, Comparison, tuple[str, ...]]:
-    centered = tuple(centered_channels([parse(settings.method)]))
-    prepared, before = _prepare(attrs.evolve(settings, method=""), centered, changed)
+    prepared, before = _prepare(attrs.evolve(settings, method=""), changed)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
-        found = compare(prepared.ensemble, settings.methods)
-        found = with_checks(found, prepared, settings.source, settings.reading)
+        found = compare(prepared, settings.methods)
     return prepared, found, (*before, *dict.fromkeys(str(each.message) for each in caught))
 
 
 @lru_cache(maxsize=8)
-def _prepare(
-    settings: Settings, centered: tuple[str, ...], changed: int
-) -> tuple[PreparedRecording, tuple[str, ...]]:
-    source = settings.source
+def _prepare(settings: Settings, changed: int) -> tuple[PreparedRecording, tuple[str, ...]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
-        recording = read_recording(source, settings.reading) if isinstance(source, Path) else source
-        prepared = prepare_recording(
-            recording, settings.cutting, centered, align_channels=settings.align_channels
+        prepared = prepare(
+            settings.source,
+            settings.reading,
+            settings.cutting,
+            align_channels=settings.align_channels,
         )
     messages = (str(each.message) for each in caught)
     return prepared, tuple(dict.fromkeys((*prepared.notes, *messages)))

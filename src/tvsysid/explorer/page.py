@@ -98,7 +98,7 @@ def shown(found: Outcome, quantity: str = "stiffness") -> str:
     every = max(1, len(over_time) // (MAX_TIMES - 1))
     again = {
         "On the command line": found.settings.command,
-        "In Python": found.settings.python(found.prepared.centered),
+        "In Python": found.settings.python,
     }
     return (
         _templates()

@@ -23,15 +23,13 @@ REQUIRED = {
 }
 TEXTS = ("angle", "torque", "angle_unit", "torque_unit", "columns")
 PYTHON = """import tvsysid as tv
-from tvsysid.comparison import prepare_recording, with_checks
 from tvsysid.recordings import Reading, Segmentation
 
 reading = {reading!r}
-{read}prepared = prepare_recording(
-    recording, {cutting!r}, {centered!r}, align_channels={align_channels}
+prepared = tv.prepare(
+    {source}, reading, {cutting!r}, align_channels={align_channels}
 )
-found = tv.compare(prepared.ensemble, {methods!r})
-found = with_checks(found, prepared, {source}, reading)"""
+found = tv.compare(prepared, {methods!r})"""
 
 
 @attrs.frozen
@@ -72,16 +70,13 @@ class Settings:
             words += ["--method", method]
         return shlex.join(words)
 
-    def python(self, centered: tuple[str, ...]) -> str:
-        """Return Python code of the same analysis; ``centered`` channels lose their mean."""
-        is_file = isinstance(self.source, Path)
-        source = repr(str(self.source)) if is_file else "recording"
+    @property
+    def python(self) -> str:
+        """Python code of the same analysis."""
         return PYTHON.format(
             reading=self.reading,
-            read=f"recording = tv.read_recording({source}, reading)\n" if is_file else "",
-            source=source,
+            source=repr(str(self.source)) if isinstance(self.source, Path) else "recording",
             cutting=self.cutting,
-            centered=centered,
             align_channels=self.align_channels,
             methods=self.methods,
         )

@@ -116,17 +116,22 @@ class Answer:
             lines, prefix = [f"{prefix}: {over}"], "over time"
         if known.size:
             name = "" if lines else "stiffness "
-            lines.append(
-                f"{prefix}: {name}{known.min():.1f} to {known.max():.1f} N·m/rad, "
-                f"{known.mean():.1f} on average, {self._band_text()}"
-            )
+            text = f"{known.mean():.1f} N·m/rad"
+            if known.min() < known.max():
+                text = (
+                    f"{known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average"
+                )
+            lines.append(f"{prefix}: {name}{text}, {self._band_text()}")
         elif not lines:
             lines = [f"{self.label} estimates no stiffness over time"]
-        return (
-            *lines,
-            *self.reasons,
-            *(describe_changes(self.model) if isinstance(self.model, AdaptiveModel) else ()),
-        )
+        return (*lines, *self.reasons)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """Sentences on switches and a reflex, if the model is one of ``adaptive``."""
+        if not (self.is_stated and isinstance(self.model, AdaptiveModel)):
+            return ()
+        return tuple(describe_changes(self.model))
 
     def _band_text(self) -> str:
         """Return the band and the spread of methods in words."""

@@ -79,9 +79,7 @@ def found(file):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("method", ["birf", "adaptive"])
-def test_page_command_sheet_and_python_give_one_answer(file, tvsysid, method):
-    found = outcome(settings_from(FORM | {"method": method}, start(file)))
+def test_page_command_sheet_and_python_give_one_answer(file, tvsysid, found):
     answer, names = found.found.answer, {}
     exec(found.settings.python, names)
     assert repr(names["found"]) == repr(found.found)

@@ -1,11 +1,17 @@
 import pytest
 from matplotlib import pyplot
+from tests.experimental import experiment_of
 from tests.synthetic import results_of, summary_of
 
 
 @pytest.fixture(scope="session")
 def results():
     return results_of()
+
+
+@pytest.fixture(scope="session")
+def experiment():
+    return experiment_of()
 
 
 @pytest.fixture(scope="session")

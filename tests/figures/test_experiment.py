@@ -16,11 +16,6 @@ ALL = [
 
 
 @pytest.fixture(scope="module")
-def experiment():
-    return experiment_of()
-
-
-@pytest.fixture(scope="module")
 def shown(experiment):
     recordings = prepared_of(experiment.results, prepared(1, "prbs"))
     return experiment_figures(experiment.results, experiment.summary, recordings)

@@ -20,11 +20,6 @@ HEADINGS = ["eirf, 75 × 2 s", "sds, 75 × 2 s", "birf, 75 × 2 s", "esm, 75 × 
 
 
 @pytest.fixture(scope="module")
-def experiment():
-    return experiment_of()
-
-
-@pytest.fixture(scope="module")
 def results(experiment):
     return experiment.results
 

@@ -92,11 +92,7 @@ def mean_over_realizations(values):
             ),
             30.0,
         ),
-        pytest.param(
-            tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0), scale=DEGREE),
-            10.0,
-            marks=pytest.mark.slow,
-        ),
+        (tv.KernelRegression(length_decay=10.0, band=(0.5, 15.0), scale=DEGREE), 10.0),
     ],
 )
 def test_low_rank_kernel_regression_equals_the_dense_one(monkeypatch, perturbation, method, l2):

@@ -47,7 +47,8 @@ def judged(model):
         unnamed=(),
         sign=1,
     ):
-        checks = tuple(Finding(name, size, f"{name} was seen") for name in faults)
+        ordered = [name for name in FAULTS if name in faults]
+        checks = tuple(Finding(name, size, f"{name} was seen") for name in ordered)
         diagnosis = Diagnosis(checks, {}, None, "")
         known = attrs.evolve(known, diagnosis=diagnosis, unnamed_references=unnamed)
         stiffness = model.estimates["stiffness"]

@@ -20,7 +20,7 @@ from tvsysid.methods.adaptive.model import AdaptiveModel, describe_changes
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
-from tvsysid.quality import FAULTS, Diagnosis, Finding
+from tvsysid.quality import Diagnosis, Finding
 from tvsysid.recommendation.method import (
     MIN_INFORMATION,
     RECORD_REFERENCE,
@@ -318,9 +318,8 @@ def _possible_faults(model: Model, method: Method, faults: Mapping[str, Finding]
 
 
 def _of_severity(faults: Mapping[str, Finding], severity: str) -> list[Finding]:
-    """Return the faults of a severity in the order of the report: causes before effects."""
-    names = [name for name, fault in FAULTS.items() if fault.severity == severity]
-    return [faults[name] for name in names if name in faults]
+    """Return the faults of a severity in the order of the diagnosis: causes before effects."""
+    return [each for each in faults.values() if each.fault.severity == severity]
 
 
 def _reason(finding: Finding) -> str:

@@ -24,9 +24,11 @@ BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # slow and fast noise are compared
 SLOW_NOISE_DB = 10.0  # power of slow over fast noise, above which noise is slow
 STRONG_NOISE_DB = 3.0  # signal-to-noise ratio below which noise is strong
 BIAS_PERCENT = 10.0  # of the stiffness, by noise
+MAX_BIAS_PERCENT = 30.0  # up to which other weights of the frequencies mend it
+LOOP_BIAS_PERCENT = 5.0  # of the stiffness, by a closed loop
 MIN_INFORMATION = 2.0  # realizations at a signal-to-noise ratio of 0 dB
 CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
-LOW_STIFFNESS = f"{CLOSED_LOOP}: frequencies with noise make stiffness {{noise_bias:.0f}} % lower"
+LOW_STIFFNESS = CLOSED_LOOP + ": frequencies with noise make stiffness {noise_bias:.0f} % lower"
 RECORD_REFERENCE = "Record the disturbance or the actuator's command"
 
 
@@ -64,7 +66,8 @@ class Rule(NamedTuple):
     """Row of the decision table.
 
     ``holds`` says whether the row applies. ``methods`` are typed as on the command line, the best
-    first; empty where no method is right. ``why`` is the reason, with values of properties.
+    first; empty where no method is right. ``why`` is the reason. In both, a property in braces
+    stands for its value.
     """
 
     holds: Callable[[DataProperties], bool]
@@ -92,20 +95,21 @@ RULES = (
         "{information:.1f} realizations at 0 dB). Perturb more, or record more",
     ),
     Rule(
-        lambda data: data.loop_bias > 5 and not data.is_slow,
+        lambda data: data.loop_bias > LOOP_BIAS_PERCENT and not data.is_slow,
         ("birf:reference={reference},tuned=true", "kbr:reference={reference}"),
-        f"{CLOSED_LOOP}, but not {{reference!r}}",
+        CLOSED_LOOP + ", but not {reference!r}",
     ),
     Rule(
         lambda data: (
-            data.loop_bias > 5 or ("feedback" in data.faults and data.reference is not None)
+            data.loop_bias > LOOP_BIAS_PERCENT
+            or ("feedback" in data.faults and data.reference is not None)
         ),
         (
             "kbr:reference={reference},weighting=residual,tuned=true",
             "kbr:reference={reference},weighting=residual",
             "birf:reference={reference}",
         ),
-        f"{CLOSED_LOOP}, but not {{reference!r}}; frequencies with little noise have more weight",
+        CLOSED_LOOP + ", but not {reference!r}; frequencies with little noise have more weight",
     ),
     Rule(
         lambda data: "feedback" in data.faults,
@@ -118,7 +122,7 @@ RULES = (
         "the data show a stretch reflex, and adaptive separates it from the stiffness",
     ),
     Rule(
-        lambda data: data.is_slow and data.noise_bias > 30,
+        lambda data: data.is_slow and data.noise_bias > MAX_BIAS_PERCENT,
         (),
         f"{LOW_STIFFNESS}. Every method is biased. {RECORD_REFERENCE}",
     ),
@@ -181,14 +185,15 @@ class Recommendation:
         A method suits if it has the settings that the recommendation names. Whether they were
         chosen from the data does not matter.
         """
-        return [
-            label
-            for text in dict.fromkeys(re.sub("[:,]tuned=true", "", each) for each in self.suited)
-            for label, method in methods.items()
-            if METHODS[key_of(text)] is type(method)
-            # The settings in the text do not change the method.
-            and from_text(text, "method", {key_of(text): method}) == method
-        ]
+        labels: list[str] = []
+        for text in dict.fromkeys(re.sub("[:,]tuned=true", "", each) for each in self.suited):
+            key = key_of(text)
+            for label, method in methods.items():
+                is_alike = type(method) is METHODS[key]
+                # A method has the settings in the text if they do not change it.
+                if is_alike and from_text(text, "method", {key: method}) == method:
+                    labels.append(label)
+        return labels
 
     def __repr__(self) -> str:
         first = self.suited[0] if self.suited else "no method is right"

@@ -118,7 +118,8 @@ def window_model(
     details = {"second_order_agreement": residual_agreement(moved, residuals, first)}
     rank = padded(windows.rank.astype(float), missing)
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
-    enough, reason = windows.independent >= needed, ""
+    enough = windows.independent >= needed
+    reason = ""
     if not enough.any():
         reason = (
             f"{windows.independent.max():.0f} independent samples are too few for {2 * lags + 1} "
@@ -154,7 +155,8 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     covariance = autocovariance(residual(ensemble, windows.weights), 2 * half)
     root = np.linalg.cholesky(toeplitz(noise_correlation(covariance, absorbed)))
     angle, _, margin = _within_reach(ensemble, lags, half)
-    times, cut = len(windows.fit), half - margin
+    times = len(windows.fit)
+    cut = half - margin  # samples by which the first and the last window are cut short
     sums = []
     # Windows near the ends are cut short, each to another length. The others have one length.
     edges = [time for time in range(times + 1) if not cut < time < times - cut]

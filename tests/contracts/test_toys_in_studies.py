@@ -82,20 +82,11 @@ def test_takes_part_in_an_experiment(toy, tmp_path):
 
 
 @pytest.mark.slow
-def test_pathways_of_a_virtual_participant_are_compared_with_what_is_known(tmp_path):
+def test_the_truth_of_a_virtual_participant_is_in_no_method_s_way():
     experiment = tv.study.Experiment(
         virtual=1, perturbation="prbs", methods=[Cascade(), "sds"], realizations=40, bootstraps=2
     )
     (prepared,) = tv.study.prepared_recordings(experiment)
-    own = prepared.ensemble.torque[:, prepared.ensemble.core]
-    assert np.corrcoef(own.ravel(), sum(prepared.pathways.values()).ravel())[0, 1] > 0.8
-    assert set(prepared.ensemble.channels) == {"target"}  # the truth is in no method's way
-    tv.study.run(experiment, prepared=[prepared], folder=tmp_path, workers=1)
-    results = tv.study.read_results(tmp_path)
-    cascade, sds = (results.isel(recording=0, analysis=place) for place in (0, 1))
-    assert (cascade.pathway_vaf.sel(pathway="intrinsic") > 90).all()
-    # The participant's reflex is at rest
-    assert np.isnan(cascade.pathway_vaf.sel(pathway="reflex")).all()
-    assert np.isnan(sds.pathway_vaf).all()
-    table = tv.study.summarize(results)
+    assert set(prepared.ensemble.channels) == {"target"}
+    table = tv.study.summarize(tv.study.run(experiment, prepared=[prepared], workers=1))
     assert "reflex_gain random_error" in set(table[table.method == "Cascade"].metric)

@@ -37,7 +37,7 @@ def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
         visit, in the order of time. For research use only.
     """
     from tvsysid.report import write_sheet
-    from tvsysid.study import EXPERIMENT, read_results
+    from tvsysid.study import read_results
 
     if sheet:
         *_, last = visits = [folder, *folders]
@@ -53,7 +53,7 @@ def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
             "makes a sheet of folders of `identify`"
         )
     results = read_results(folder)
-    if results.attrs["title"] == EXPERIMENT:
+    if "recording" in results.dims:
         write_experiment(results, (), folder, "")
     else:
         write_benchmark(results, folder, "")

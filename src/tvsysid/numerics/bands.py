@@ -18,7 +18,9 @@ from tvsysid.numerics import Array
 def critical_value(level: float, freedom: Array) -> Array:
     """Multiple of the standard deviation within which Student's t lies with this probability."""
     _check(level)
-    return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.5 + level / 2))
+    # Quantiles are slow, and most freedoms are the same at all times.
+    known, place = np.unique(np.minimum(freedom, 1e9), return_inverse=True)
+    return np.asarray(stdtrit(known, 0.5 + level / 2)[place].reshape(np.shape(freedom)))
 
 
 def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
@@ -86,7 +88,8 @@ def mean_of(values: Array) -> float:
 
 def mean_known(values: Array) -> Array:
     """Return the mean over the first axis without NaN; NaN if all are."""
-    return mean_and_spread(values)[0]
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
+        return np.asarray(np.nanmean(values, axis=0))
 
 
 def mean_and_spread(values: Array) -> tuple[Array, Array]:
@@ -94,6 +97,5 @@ def mean_and_spread(values: Array) -> tuple[Array, Array]:
 
     Both are NaN if there is no value, the standard deviation also if there is one.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
         return np.nanmean(values, axis=0), np.nanstd(values, axis=0, ddof=1)

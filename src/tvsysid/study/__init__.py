@@ -1,8 +1,8 @@
 """Compare methods: define a study, run it, and summarize its results."""
 
-from tvsysid.study.dataset import EXPERIMENT, read_results
+from tvsysid.study.bootstraps import Prepared, prepared_recordings
+from tvsysid.study.dataset import read_results
 from tvsysid.study.experiment import Experiment, Recorded
-from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.run import plan, run
 from tvsysid.study.scenarios import Study
 from tvsysid.study.scores import score
@@ -14,7 +14,6 @@ from tvsysid.study.summary import (
 from tvsysid.study.workers import cores
 
 __all__ = [
-    "EXPERIMENT",
     "Experiment",
     "Prepared",
     "Recorded",

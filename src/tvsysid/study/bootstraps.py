@@ -1,22 +1,32 @@
-"""Cases of an experiment: recordings, of which each bootstrap is a draw."""
+"""Cases of an experiment: prepared recordings, of which each bootstrap is a draw."""
 
 from __future__ import annotations
 
+import glob
+import hashlib
 import itertools
-from collections.abc import Iterable, Sequence
-from functools import partial
+import os
+import pickle
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
 
-from tvsysid.errors import InputError
-from tvsysid.preprocess import bootstrap_weights
-from tvsysid.signals import Ensemble
-from tvsysid.study.dataset import EXPERIMENT, dataset_of, labelled
-from tvsysid.study.experiment import Analysis, Experiment
-from tvsysid.study.measure import Scores, Truth, stack
-from tvsysid.study.prepared import Prepared
+from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.methods import centered_channels
+from tvsysid.numerics.threads import single_thread
+from tvsysid.preprocess import Preparation, bootstrap_weights, excerpt, prepare
+from tvsysid.progress import Progress, no_progress
+from tvsysid.recordings import read_usable_trials
+from tvsysid.signals import Array, Ensemble, Recording
+from tvsysid.simulate import PERTURBATIONS, Participant, Simulation
+from tvsysid.study.dataset import dataset_of, labelled
+from tvsysid.study.experiment import Analysis, Experiment, Recorded
+from tvsysid.study.measure import Scores, Truth, mean_quantities
 from tvsysid.study.tasks import Task
 
 if TYPE_CHECKING:
@@ -33,6 +43,122 @@ COUNTED = {
 RECORDED_OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
 
 
+@attrs.frozen(eq=False, kw_only=True)
+class Prepared:
+    """One recording, ready for identification.
+
+    Parameters
+    ----------
+    recorded
+        The participant and perturbation.
+    remarks, failure
+        Trials that are left out, warnings, and why nothing could be prepared, in words. The failure
+        is the last of the remarks; empty if there is none.
+    preparation, excerpt
+        What was done to the recording, and ten seconds of it, whose channel ``target`` is drawn;
+        None if nothing could be prepared.
+    ensemble
+        Kept realizations, mean subtracted; None if there are none.
+    over_time
+        Means over the kept realizations, each of shape (time,): ``target_torque`` and
+        ``mean_torque`` in N·m, and quantities of a simulation (``"truth quantity stiffness"``).
+    """
+
+    recorded: Recorded
+    remarks: tuple[str, ...] = ()
+    failure: str = ""
+    preparation: Preparation | None = None
+    excerpt: Recording | None = None
+    ensemble: Ensemble | None = None
+    over_time: Mapping[str, Array] = attrs.field(factory=dict)
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash of the ensemble, or of why there is none."""
+        return hashlib.sha256(pickle.dumps(self.ensemble or self.failure)).hexdigest()[:16]
+
+
+def prepared_recordings(
+    experiment: Experiment, progress: Progress = no_progress
+) -> tuple[Prepared, ...]:
+    """Prepare every recording of an experiment. One that cannot be used does not stop the others.
+
+    Parameters
+    ----------
+    progress
+        Called with the numbers of finished recordings and of all.
+    """
+    prepared: list[Prepared] = []
+    for recorded in experiment.recordings:
+        progress(len(prepared), len(experiment.recordings))
+        with single_thread():  # so that the same recordings have the same digest everywhere
+            prepared.append(_prepare(experiment, recorded))
+    return tuple(prepared)
+
+
+def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DataQualityWarning)
+        try:
+            if isinstance(source := recorded.source, int):
+                perturbation = PERTURBATIONS[recorded.perturbation]
+                simulation = Participant(source).simulate(perturbation=perturbation)
+            else:  # nothing is known of a person
+                simulation = Simulation(_read(experiment, source), truth={}, pathways={})
+            prepared = _of_simulation(experiment, recorded, simulation)
+        except InputError as error:
+            prepared = Prepared(recorded=recorded, failure=str(error))
+    texts = *(str(each.message) for each in caught), prepared.failure
+    return attrs.evolve(prepared, remarks=tuple(dict.fromkeys(filter(None, texts))))
+
+
+def _read(experiment: Experiment, patterns: Iterable[str]) -> Recording:
+    """Return all usable trials. Warn of trials that cannot be used.
+
+    Raise an InputError if there is none.
+    """
+    reading, settings = experiment.reading, experiment.preparation
+    assert reading is not None
+    files = {
+        str(Path(name)): Path(experiment.folder, name)
+        for pattern in map(os.path.expanduser, patterns)
+        for name in sorted(glob.glob(pattern, root_dir=experiment.folder)) or [pattern]
+    }
+    channels = dict(reading.channels)
+    if (target := settings["reference"]) is not None:
+        channels.setdefault(target, target)
+    shortest = 2 * settings["ends"] + settings["period"]
+    trials = read_usable_trials(files, attrs.evolve(reading, channels=channels), shortest)
+    for name, reason in trials.unusable.items():
+        warnings.warn(f"{name} is left out: {reason}", DataQualityWarning, stacklevel=2)
+    if trials.recording is None:
+        raise InputError("no trial can be used")
+    return trials.recording
+
+
+def _of_simulation(experiment: Experiment, recorded: Recorded, simulation: Simulation) -> Prepared:
+    """Return the kept realizations, and apart from them what is known of the joint."""
+    recording, settings = simulation.recording, experiment.preparation
+    needed = centered_channels([each.method for each in experiment.analyses])
+    centered = [name for name in needed if name in recording.channels]
+    preparation = prepare(recording, **settings, channels=centered)
+    *_, kept = preparation.recorded, *(step.ensemble for step in preparation.steps.values())
+    means = {"mean_torque": "torque", "target_torque": settings["reference"]}
+    over_time = {
+        variable: kept.signal(name)[:, kept.core].mean(axis=0)
+        for variable, name in means.items()
+        if name
+    }
+    truth = mean_quantities(simulation, preparation.ensemble)
+    return Prepared(
+        recorded=recorded,
+        preparation=preparation,
+        excerpt=excerpt(recording),
+        ensemble=preparation.ensemble,
+        over_time=over_time | {f"truth quantity {name}": each for name, each in truth.items()},
+    )
+
+
 def draw(prepared: Prepared, analysis: Analysis, seed: int, number: int) -> tuple[Ensemble, Truth]:
     """Return the realizations of a bootstrap, and their recorded torque as the truth."""
     ensemble, is_block = prepared.ensemble, analysis.method.contiguous
@@ -41,10 +167,8 @@ def draw(prepared: Prepared, analysis: Analysis, seed: int, number: int) -> tupl
     count = len(ensemble)
     # A draw follows from the seed after all draws before it.
     weights = bootstrap_weights(count, analysis.realizations, number + 1, seed, is_block)
-    chosen = np.repeat(np.arange(count), weights[number])
-    drawn = ensemble.select(chosen)
-    parts = {name: torque[chosen] for name, torque in prepared.pathways.items()}
-    return drawn, Truth(np.asarray(drawn.torque[:, drawn.core]), pathways=parts)
+    drawn = ensemble.select(np.repeat(np.arange(count), weights[number]))
+    return drawn, Truth(drawn.torque[:, drawn.core])
 
 
 def tasks_of(experiment: Experiment, prepared: Sequence[Prepared]) -> list[Task]:
@@ -84,13 +208,13 @@ def results_of(
         "realizations": ("analysis", [each.realizations for each in analyses]),
     }
     period, rate = experiment.preparation["period"], experiment.preparation["rate"]
-    about = {"title": EXPERIMENT, "experiment": experiment.to_json()}
-    results = dataset_of(measured, coordinates, period, rate, **about)
+    title = "Experimental study of methods that identify joint impedance over time"
+    about = {"title": title, "experiment": experiment.to_json()}
+    results = dataset_of(measured, coordinates, period, rate, about)
     unknown = dict.fromkeys(RECORDED_OVER_TIME, np.full(results.sizes["time"], np.nan))
     facts = [{**unknown, **item.over_time, **_preparation_of(item)} for item in prepared]
-    return results.merge(labelled(stack(facts), ["recording"]), join="left").transpose(
-        "recording", "analysis", ...
-    )
+    of_recordings = labelled(facts, {"recording": prepared})
+    return results.merge(of_recordings, join="left").transpose("recording", "analysis", ...)
 
 
 def _preparation_of(prepared: Prepared) -> Scores:

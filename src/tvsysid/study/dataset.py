@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RESULTS = "results.nc"  # file of a study's results, in its folder
-SIMULATIONS = "Simulation study of methods that identify joint impedance over time"
-EXPERIMENT = "Experimental study of methods that identify joint impedance over time"
 AXES = ("scenario", "trial", "method_key"), ("recording", "bootstrap", "analysis")
 """Dimensions along which cases, draws and methods lie, of simulations and of experiments."""
 
@@ -37,7 +35,7 @@ def dataset_of(
     coordinates: Mapping[str, tuple[Any, Any]],
     period: float,
     rate: float,
-    **attributes: str,
+    attributes: Mapping[str, str],
 ) -> xr.Dataset:
     """Return the scores of a study as a dataset.
 
@@ -58,32 +56,23 @@ def dataset_of(
         for row, draw in enumerate(task.draws)
         for column, method in enumerate(task.methods)
     }
-    axes = [*coordinates][:3]
-    labels = [coordinates[axis][1] for axis in axes]
-    scores = stack([cells.get(place, {}) for place in itertools.product(*labels)])
-    shape = tuple(map(len, labels))
-    results = labelled(
-        {name: each.reshape(*shape, *each.shape[1:]) for name, each in scores.items()}, axes
-    )
+    axes = {axis: coordinates[axis][1] for axis in [*coordinates][:3]}
+    results = labelled([cells.get(place, {}) for place in itertools.product(*axes.values())], axes)
     if "unit" not in results:
-        texts = results.failure, results.get("warnings", results.failure)
-        reasons = (reason for each in texts for reason in each.values.flat)
-        raise InputError(f"run: no method gave a result; the first: {next(filter(None, reasons))}")
+        texts = *results.failure.values.flat, *results.get("warnings", results.failure).values.flat
+        raise InputError(f"run: no method gave a result; the first: {next(filter(None, texts))}")
+    units = results.unit.transpose("quantity", ...)
     # Draws without an estimate have an empty unit.
-    units = {name: max(own.values.flat) for name, own in results.unit.groupby("quantity")}
-    further = {
-        "time": ("time", np.arange(round(period * rate)) / rate, {"units": "s"}),
-        "unit": (
-            "quantity",
-            [units[name] or UNITS.get(name, "") for name in results["quantity"].values],
-        ),
-    }
-    results = results.drop_vars("unit").assign_coords({**coordinates, **further})
+    known = [max(own.values.flat) or UNITS.get(str(own["quantity"].values), "") for own in units]
+    time = "time", np.arange(round(period * rate)) / rate, {"units": "s"}
+    results = results.drop_vars("unit").assign_coords(
+        {**coordinates, "time": time, "unit": ("quantity", known)}
+    )
     return results.assign_attrs(attributes, versions=json.dumps(versions()))
 
 
-def labelled(scores: Scores, axes: Sequence[str]) -> xr.Dataset:
-    """Return scores over these axes, and further over time, as a dataset.
+def labelled(parts: Sequence[Scores], axes: Mapping[str, Sized]) -> xr.Dataset:
+    """Return scores in each place along these axes, and further over time, as a dataset.
 
     ``"estimate quantity stiffness"`` becomes the variable estimate at stiffness along quantity.
     """
@@ -91,18 +80,20 @@ def labelled(scores: Scores, axes: Sequence[str]) -> xr.Dataset:
 
     variables = {}
     places: dict[str, dict[str, Scores]] = {"quantity": {name: {} for name in IMPEDANCE}}
-    for name, values in scores.items():
+    for name, values in stack(parts, *map(len, axes.values())).items():
         variable, *place = name.split(" ", 2)
         if place:
             axis, label = place
             places.setdefault(axis, {}).setdefault(label, {})[variable] = values
         else:
             variables[variable] = [*axes, "time"][: values.ndim], values
-    for axis, parts in places.items():
-        for variable, values in stack([*parts.values()]).items():
+    for axis, labels in places.items():
+        for variable, values in stack([*labels.values()]).items():
             variables[variable] = [axis, *axes, "time"][: values.ndim], values
-    labels = {axis: [*parts] for axis, parts in places.items()}
-    return xr.Dataset(variables, labels).transpose(*axes, *places, "time", missing_dims="ignore")
+    coordinates = {axis: [*labels] for axis, labels in places.items()}
+    return xr.Dataset(variables, coordinates).transpose(
+        *axes, *places, "time", missing_dims="ignore"
+    )
 
 
 def write_results(results: xr.Dataset, folder: Path) -> None:
@@ -114,24 +105,20 @@ def write_results(results: xr.Dataset, folder: Path) -> None:
 def read_results(folder: str | Path) -> xr.Dataset:
     """Return the results of a study of either kind from its folder.
 
-    They are those of :func:`tvsysid.study.run`; the attribute ``title`` says of which kind.
+    They are those of :func:`tvsysid.study.run`.
 
     Raises
     ------
     InputError
-        If the folder has no results, because the study is not finished or the folder is none of a
-        study, or if the file is damaged.
+        If the folder has no results, because the study is not finished, or if the file is damaged.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
     file = Path(folder) / RESULTS
     try:
-        results = xr.load_dataset(file, engine="h5netcdf")
+        return xr.load_dataset(file, engine="h5netcdf")
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise InputError(
             f"{file}: this file is {'damaged' if file.exists() else 'missing'}. Give the folder of "
             "a study. If it is one, run its command again"
         ) from error
-    if results.attrs.get("title") not in (SIMULATIONS, EXPERIMENT):
-        raise InputError(f"{file}: these are no results of a study by tvsysid")
-    return results

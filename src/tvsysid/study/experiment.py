@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,6 +13,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of
 from tvsysid.preprocess import prepare
+from tvsysid.preprocess.trials import nearest_rate
 from tvsysid.recordings import Reading
 from tvsysid.study.settings import (
     StudySettings,
@@ -27,18 +27,17 @@ from tvsysid.validators import at_least
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants of an experiment without files
 PERTURBATIONS = ("noise", "prbs")  # their perturbations
-MAX_LAG_S, SHORT_WINDOW_S, LONG_WINDOW_S = 15 / 128, 12 / 128, 30 / 128
-"""Longest lag and windows of sds and esm in the paper: 15, 12 and 30 samples."""
 BLOCK_REALIZATIONS, REALIZATIONS = (20, 40), (75, 150)  # in one block, and otherwise
 
 PAPER = {
-    "eirf": f"eirf:max_lag={MAX_LAG_S}",
-    "sds": f"sds:max_lag={MAX_LAG_S},window={SHORT_WINDOW_S}",
-    "birf": f"birf:max_lag={MAX_LAG_S}",
-    "esm": f"esm:window={LONG_WINDOW_S}",
+    "eirf": "eirf:max_lag=0.1171875",
+    "sds": "sds:max_lag=0.1171875,window=0.09375",
+    "birf": "birf:max_lag=0.1171875",
+    "esm": "esm:window=0.234375",
     "kbr": "kbr:length_periodic=0.36787944117144233,length_decay=30,gamma=13.8",
 }
-"""The paper's methods with its settings for the experiment, by their keys."""
+"""The paper's methods with its settings for the experiment, by their keys: a longest lag of 15
+samples, and windows of 12 and 30."""
 PREPARATION = {
     name: setting.default
     for name, setting in inspect.signature(prepare).parameters.items()
@@ -58,16 +57,8 @@ def _to_preparation(table: Any, experiment: Any) -> dict[str, Any]:
                 "movement in s"
             )
         settings["reference"] = "target" if "target" in reading.channels else None
-        settings["rate"] = _rate(reading.sampling_rate, table["period"])
+        settings["rate"] = nearest_rate(reading.sampling_rate, PREPARATION["rate"])
     return settings | {name: None if value is False else value for name, value in table.items()}
-
-
-def _rate(recorded: Any, period: float) -> float:
-    """Return the highest rate to decimate to that divides the recorded one and fits the period."""
-    most: float = PREPARATION["rate"]
-    rates = (recorded / factor for factor in range(1, 1000))
-    fitting = (rate for rate in rates if math.isclose(rate * period, round(rate * period)))
-    return next((rate for rate in fitting if rate <= most), most)
 
 
 def _to_reading(value: Any) -> Reading | None:
@@ -136,9 +127,9 @@ class Experiment(StudySettings):
         files (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
         Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. Of files, the
-        default rate is the highest up to 128 Hz that divides theirs and makes the period a whole
-        number of samples, and nothing is aligned unless ``reference``, or a channel ``"target"``
-        in ``reading``, names the torque to be followed. In a TOML file, ``false`` stands for None.
+        default rate is the nearest to 128 Hz that divides theirs, and nothing is aligned unless
+        ``reference``, or a channel ``"target"`` in ``reading``, names the torque to be followed.
+        In a TOML file, ``false`` stands for None.
     perturbation
         Which of the perturbations are studied; None takes all there are.
     methods

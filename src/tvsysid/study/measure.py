@@ -43,26 +43,14 @@ class Truth:
     quantities: Mapping[str, Array] = attrs.field(factory=dict)
     pathways: Mapping[str, Array] = attrs.field(factory=dict)
 
-    @property
-    def scores(self) -> Scores:
-        """Quantities by the names of scores."""
-        return {f"truth quantity {name}": each for name, each in self.quantities.items()}
 
-
-def separate_truth(simulation: Simulation, ensemble: Ensemble) -> tuple[Ensemble, Truth]:
-    """Return an ensemble without the channels that hold a simulation's pathways, and its truth.
-
-    Quantities are means over realizations.
-    """
-    torques = {name: ensemble.channels[name][:, ensemble.core] for name in simulation.pathways}
-    own = {name: each for name, each in ensemble.channels.items() if name not in torques}
+def mean_quantities(simulation: Simulation, ensemble: Ensemble) -> dict[str, Array]:
+    """Return the means over realizations of a simulated joint's quantities, each (time,)."""
     # The first is subtracted, so that the mean of equal values is exact.
-    quantities = {
+    return {
         name: each[0] + (each - each[0]).mean(axis=0)
         for name, each in simulation.truth_of(ensemble).items()
     }
-    truth = Truth(np.asarray(sum(torques.values())), quantities, torques)
-    return attrs.evolve(ensemble, channels=own), truth
 
 
 def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
@@ -71,7 +59,7 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
     If the method fails, ``failure`` says why, and there are no numbers.
     """
     warned = failure = ""
-    scores = truth.scores
+    scores = {f"truth quantity {name}": each for name, each in truth.quantities.items()}
     with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
         try:
             if reason := reason_to_skip(method, ensemble):
@@ -117,8 +105,8 @@ def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
     return scores
 
 
-def stack(parts: Sequence[Scores]) -> Scores:
-    """Return scores along a new first axis. What a part lacks is NaN, or an empty text.
+def stack(parts: Sequence[Scores], *shape: int) -> Scores:
+    """Return scores along new first axes, by default one. What a part lacks is NaN, or empty text.
 
     Examples
     --------
@@ -129,5 +117,6 @@ def stack(parts: Sequence[Scores]) -> Scores:
     for name, example in {name: each for part in parts for name, each in part.items()}.items():
         is_text = example.dtype.kind == "U"
         nothing = np.full(example.shape, "" if is_text else np.nan)
-        stacked[name] = np.stack([part.get(name, nothing) for part in parts])
+        values = np.stack([part.get(name, nothing) for part in parts])
+        stacked[name] = values.reshape(*shape or values.shape[:1], *example.shape)
     return stacked

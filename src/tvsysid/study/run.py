@@ -16,10 +16,10 @@ import attrs
 from tvsysid.errors import InputError
 from tvsysid.progress import Progress, no_progress
 from tvsysid.study import bootstraps, trials
+from tvsysid.study.bootstraps import Prepared, prepared_recordings
 from tvsysid.study.dataset import write_results
 from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import Scores
-from tvsysid.study.prepared import Prepared, prepared_recordings
 from tvsysid.study.scenarios import Study
 from tvsysid.study.tasks import Task, read_scores, run_task, write_scores
 from tvsysid.study.workers import run_tasks

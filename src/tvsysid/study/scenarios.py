@@ -76,11 +76,6 @@ def _values(*default: Any, validator: Any = None) -> Any:
     return attrs.field(default=default, converter=_to_values, validator=each)
 
 
-def _check_tables(_: object, field: object, tables: tuple[Any, ...]) -> None:
-    for table in tables:
-        check_keys(table, (*Scenario._fields, "methods"), f"also: scenario {table!r}")
-
-
 @attrs.frozen(slots=False, kw_only=True)
 class Study(StudySettings):
     """Scenarios x methods x trials, all methods on the same simulated data.
@@ -136,9 +131,7 @@ class Study(StudySettings):
     snr_db: tuple[float, ...] = _values(10.0, validator=is_snr)
     viscosity: tuple[str, ...] = _values("constant", validator=one_of(Viscosity))
     system: tuple[Any, ...] = _values("joint")
-    also: tuple[Mapping[str, Any], ...] = attrs.field(
-        default=(), converter=to_tuple, validator=_check_tables
-    )
+    also: tuple[Mapping[str, Any], ...] = attrs.field(default=(), converter=to_tuple)
     rate: float = attrs.field(default=RATE, converter=to_float, validator=positive)
     period: float = attrs.field(default=PERIOD, converter=to_float, validator=positive)
     subtract_mean: bool = attrs.field(default=False, validator=boolean)
@@ -151,15 +144,17 @@ class Study(StudySettings):
 
     def replaced(self, **settings: Any) -> Self:
         """Return the study with other values of some settings, in its further scenarios too."""
-        kept = [
+        also = [
             {name: value for name, value in table.items() if name not in settings}
             for table in self.also
         ]
-        return attrs.evolve(self, **{"also": [table for table in kept if table]} | settings)
+        return attrs.evolve(self, **{"also": also} | settings)
 
     @cached_property
     def grids(self) -> tuple[Study, ...]:
         """Grid of the settings above, and one for each table of further scenarios."""
+        for table in self.also:
+            check_keys(table, (*Scenario._fields, "methods"), f"also: scenario {table!r}")
         plain = attrs.evolve(self, also=()) if self.also else self
         return (plain, *(attrs.evolve(plain, **table) for table in self.also))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -171,29 +171,26 @@ def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array)
 
 def _of_torque(draws: xr.Dataset, weights: Array, factors: Array) -> Scores:
     """Return the metrics of the torque, and those at switches of the stiffness."""
-    mean, own = partial(metrics.weighted_mean, weights=weights), draws.sel(quantity=MAIN)
+    mean, average = partial(metrics.weighted_mean, weights=weights), partial(np.nanmean, axis=1)
+    own = draws.sel(quantity=MAIN)
     varying, truth, time = own.time_varying_vaf.values, own.truth.values, own.time.values
     over_time, off = mean(varying), varying - varying.mean(axis=0)
     variance = np.maximum(0.0, mean(np.square(off)) - np.square(mean(off)))
     spread = np.sqrt(variance * factors[:, None])
 
-    def average(values: Array, times: Any = slice(None)) -> Array:
-        return np.asarray(np.nanmean(values[:, times], axis=1))
-
     found = {name: mean(own[name]) for name in ("vaf", "bandpassed_vaf", "seconds")} | {
         "lowest_vaf": _once(own.vaf.values.min(), weights),
         "lowest_time_varying_vaf": np.nanmin(over_time, axis=1),
         "time_varying_vaf_sd": average(spread),
-        "time_varying_vaf_sd_soft": average(spread, truth < truth.mean()),
-        "time_varying_vaf_sd_stiff": average(spread, truth > truth.mean()),
+        "time_varying_vaf_sd_soft": average(spread[:, truth < truth.mean()]),
+        "time_varying_vaf_sd_stiff": average(spread[:, truth > truth.mean()]),
     }
     for pathway in map(str, draws.pathway.values) if PATHWAY in draws else ():
         found[f"{pathway} {PATHWAY}"] = mean(draws[PATHWAY].sel(pathway=pathway))
     distance = from_switch(time, truth)
     if np.isfinite(distance).all():
-        found["switch_dip"] = average(over_time, distance >= AWAY) - average(
-            over_time, distance <= AT_SWITCH + 1e-9
-        )
+        near = distance <= AT_SWITCH + 1e-9
+        found["switch_dip"] = average(over_time[:, distance >= AWAY]) - average(over_time[:, near])
         rise, upward = 0.1 * np.ptp(truth), np.argmax(truth > np.roll(truth, 1))
         levels = truth.min() + rise, truth.max() - rise, time[upward]
         found["rise_time"] = metrics.rise_time(time, own.estimate.values, *levels, weights=weights)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tvsysid.study.prepared import Prepared
+from tvsysid.study.bootstraps import Prepared
 from tvsysid.study.scores import MAIN, score
 
 if TYPE_CHECKING:

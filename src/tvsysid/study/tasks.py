@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import io
 import platform
 import re
 import sys
@@ -70,21 +71,19 @@ class Task:
 
     def scores(self) -> Scores:
         """Return scores over draws and methods. Equal draws are identified once."""
-        parts: list[Scores] = []
-        found: dict[bytes, Scores] = {}
+        cells: list[Scores] = []
+        found: dict[bytes, list[Scores]] = {}
         for number in self.draws:
             try:
                 ensemble, truth = self.draw(number)
             except InputError as error:
-                parts.append({"failure": np.full(len(self.methods), one_line(str(error)))})
+                cells += [{"failure": np.array(one_line(str(error)))}] * len(self.methods)
                 continue
             key = ensemble.angle.tobytes()
             if key not in found:
-                found[key] = stack(
-                    [measure(each, ensemble, truth) for each in self.methods.values()]
-                )
-            parts.append(found[key])
-        return stack(parts)
+                found[key] = [measure(each, ensemble, truth) for each in self.methods.values()]
+            cells += found[key]
+        return stack(cells, len(self.draws), len(self.methods))
 
 
 _one_at_a_time = threading.Lock()
@@ -119,9 +118,15 @@ def identity_of(item: object) -> str:
 
 
 def write_scores(scores: Scores, file: Path) -> None:
-    """Write scores to a file, which appears whole or not at all."""
-    with whole_file(file) as temporary, temporary.open("wb") as opened:
-        np.savez(opened, allow_pickle=False, **scores)
+    """Write scores to a file, which appears whole or not at all.
+
+    They are the fields of one array, which is written in a third of the time of many.
+    """
+    fields = [(name, each.dtype, each.shape) for name, each in scores.items()]
+    content = io.BytesIO()
+    np.savez(content, np.array(tuple(scores.values()), fields))
+    with whole_file(file) as temporary:
+        temporary.write_bytes(content.getbuffer())
 
 
 def read_scores(file: Path) -> Scores:
@@ -131,6 +136,7 @@ def read_scores(file: Path) -> Scores:
     """
     try:
         with np.load(file) as archive:
-            return dict(archive)
+            packed = archive["arr_0"]
+            return {name: packed[name] for name in packed.dtype.names}
     except (OSError, ValueError, EOFError, KeyError, BadZipFile, NotImplementedError):
         return {}

@@ -12,8 +12,8 @@ import numpy as np
 from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Ensemble
 from tvsysid.simulate import Simulation
-from tvsysid.study.dataset import SIMULATIONS, dataset_of
-from tvsysid.study.measure import Scores, Truth, separate_truth
+from tvsysid.study.dataset import dataset_of
+from tvsysid.study.measure import Scores, Truth, mean_quantities
 from tvsysid.study.scenarios import Scenario, Study
 from tvsysid.study.tasks import Task, identity_of
 
@@ -32,7 +32,10 @@ def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]
     ensemble = segment(decimate(every, study.rate), study.period)
     if study.subtract_mean:
         ensemble = subtract_mean(ensemble, pathways)
-    return separate_truth(simulation, ensemble)
+    torques = {name: ensemble.channels[name][:, ensemble.core] for name in pathways}
+    own = {name: each for name, each in ensemble.channels.items() if name not in pathways}
+    truth = Truth(np.asarray(sum(torques.values())), mean_quantities(simulation, ensemble), torques)
+    return attrs.evolve(ensemble, channels=own), truth
 
 
 def simulate(study: Study, scenario: Scenario, trial: int) -> Simulation:
@@ -81,8 +84,9 @@ def results_of(study: Study, measured: Iterable[tuple[Task, Scores]]) -> xr.Data
     }
     for name, values in zip(TRAITS, zip(*scenarios, strict=True), strict=True):
         coordinates[name] = "scenario", list(values)
-    about = {"title": SIMULATIONS, "study": study.to_json()}
-    results = dataset_of(measured, coordinates, study.period, study.rate, **about)
+    title = "Simulation study of methods that identify joint impedance over time"
+    about = {"title": title, "study": study.to_json()}
+    results = dataset_of(measured, coordinates, study.period, study.rate, about)
     truth = results.truth.max("method_key")  # the same for every method
     if np.allclose(truth, truth[:, :1], rtol=1e-6, equal_nan=True):
         return results.assign(truth=truth.isel(trial=0, drop=True))

@@ -97,9 +97,8 @@ def _by_executor(
     except InputError:
         raise
     except Exception as error:
-        # Workers begin tasks in their order, so the first of these are the ones that ran.
-        begun = [tasks[file] for file in islice(running.values(), workers)]
-        names = dict.fromkeys(f" at {task.case} by {', '.join(task.methods)}" for task in begun)
+        sent = (tasks[file] for file in running.values())
+        names = dict.fromkeys(f" at {task.case} by {', '.join(task.methods)}" for task in sent)
         raise InputError(
             f"run: a worker failed ({type(error).__name__}: {one_line(str(error))})"
             f"{' or'.join(names)}. It crashed, ran out of memory, did not start (a script must "

@@ -123,7 +123,7 @@ class Signals:
         return plot(self, title)
 
     def _magnitudes(self) -> str:
-        angle, torque = (np.sqrt(np.mean(np.square(each))) for each in (self.angle, self.torque))
+        angle, torque = (np.sqrt(np.mean(each**2)) for each in (self.angle, self.torque))
         return f"angle RMS {angle:.3g} rad, torque RMS {torque:.3g} N·m"
 
 
@@ -208,11 +208,11 @@ class Recording(Signals):
         return self.start + np.concatenate(counts) / self.sampling_rate
 
 
-def _onsets(onsets: ArrayLike | None, ensemble: Any) -> Array:
+def _to_onsets(onsets: ArrayLike | None, ensemble: Any) -> Array:
     return to_array(np.zeros(len(ensemble)) if onsets is None else onsets)
 
 
-def _trials(trials: ArrayLike | None, ensemble: Any) -> NDArray[np.int64]:
+def _to_trials(trials: ArrayLike | None, ensemble: Any) -> NDArray[np.int64]:
     if trials is None:  # without onsets, each realization is a trial of its own
         count = len(ensemble)
         trials = np.zeros(count) if ensemble.onsets.any() else np.arange(count)
@@ -288,12 +288,12 @@ class Ensemble(Signals):
     context: int = attrs.field(default=0, validator=_check_context)
     onsets: Array = attrs.field(
         default=None,
-        converter=attrs.Converter(_onsets, takes_self=True),  # type: ignore[misc]
+        converter=attrs.Converter(_to_onsets, takes_self=True),  # type: ignore[misc]
         validator=_check_count,
     )
     trials: NDArray[np.int64] = attrs.field(
         default=None,
-        converter=attrs.Converter(_trials, takes_self=True),  # type: ignore[misc]
+        converter=attrs.Converter(_to_trials, takes_self=True),  # type: ignore[misc]
         validator=_check_count,
     )
     left_out: int = attrs.field(default=0, kw_only=True)
@@ -333,8 +333,9 @@ class Ensemble(Signals):
         """Indices of realizations that follow each other without a gap, one array for each run."""
         order = np.lexsort((self.onsets, self.trials))
         onsets, trials = self.onsets[order], self.trials[order]
-        gaps = np.abs(np.diff(onsets) - self.duration) > 0.5 / self.sampling_rate
-        return tuple(np.split(order, np.flatnonzero(gaps | (np.diff(trials) != 0)) + 1))
+        half_sample = 0.5 / self.sampling_rate
+        ends = (np.abs(np.diff(onsets) - self.duration) > half_sample) | (np.diff(trials) != 0)
+        return tuple(np.split(order, np.flatnonzero(ends) + 1))
 
     def derivatives(self) -> Array:
         """Return the angle and its band-limited first and second derivative.

@@ -211,7 +211,7 @@ def least_squares(moments: Moments) -> FittedWeights:
 
 
 def by_instruments(
-    fit: FittedWeights | Posterior,
+    fit: FittedWeights,
     surplus: Array,
     residual: Callable[[Array], float],
     number: float,

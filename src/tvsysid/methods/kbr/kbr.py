@@ -19,7 +19,6 @@ from tvsysid.numerics.gaussian import (
     FittedWeights,
     Moments,
     Posterior,
-    by_instruments,
     solve,
 )
 from tvsysid.numerics.noise import power_in_band
@@ -262,35 +261,46 @@ def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
     that a weight has half the variance of its kernel.
 
     If the moments have twice as many columns as the prior, the second half are instruments
-    (:func:`tvsysid.numerics.gaussian.by_instruments`).
+    (:func:`fit_by_instruments`).
     """
-    own, power, x = moments, moments.square / moments.number, np.arange(len(precision))
-    has_instruments = len(moments.cross) > len(x)
-    if has_instruments:  # their columns z follow the columns x of the angle
-        z = x + len(x)
-        gram = np.tril(moments.gram) + np.tril(moments.gram, -1).T
-        own, surplus = moments.take(z), gram[np.ix_(z, x)] - gram[np.ix_(z, z)]
-
-    def residual(mean: Array) -> float:
-        explained = mean @ (2 * moments.cross[x] - gram[np.ix_(x, x)] @ mean)
-        return moments.square - float(explained)
-
+    has_instruments = len(moments.cross) > len(precision)
+    power = moments.square / moments.number
     noise = INITIAL_NOISE * power
     found: Posterior | FittedWeights
     for _ in range(ITERATIONS):
-        found = posterior = solve(own, precision, noise)
-        variance = posterior.residual / max(own.number - posterior.effective, 1.0)
         if has_instruments:
-            found = by_instruments(posterior, surplus, residual, own.number)
+            found = fit_by_instruments(moments, precision, noise)
             variance = found.noise_variance
+        else:
+            found = posterior = solve(moments, precision, noise)
+            variance = posterior.residual / max(moments.number - posterior.effective, 1.0)
         wanted = max(variance, SMALLEST_RESIDUAL * power)
         if abs(wanted - noise) <= CONVERGED * noise:
             break
         noise = wanted
-    if isinstance(found, FittedWeights):
-        covariance = noise / found.noise_variance * found.covariance
-        found = found._replace(covariance=covariance, noise_variance=noise)
-    return found
+    return found._replace(noise_variance=noise) if isinstance(found, FittedWeights) else found
+
+
+def fit_by_instruments(moments: Moments, precision: Array, noise: float) -> FittedWeights:
+    r"""Return the weights of columns X that contain noise, by instruments Z without noise.
+
+    .. math:: A\, \hat w = Z^T y, \qquad A = Z^T X + \sigma^2 P, \qquad
+              C = \sigma^2 A^{-1} (Z^T Z + \sigma^2 P) A^{-T}
+
+    The ``moments`` are those of the columns X, then of Z. C is the covariance for the given
+    ``noise`` variance :math:`\sigma^2`. The returned noise variance is that of y - X w.
+    """
+    gram, cross, square, number = moments
+    gram = np.tril(gram) + np.tril(gram, -1).T
+    count, prior, lengths = len(precision), noise * np.diag(precision), np.sqrt(np.diag(gram))
+    x, z = slice(count), slice(count, None)
+    units = np.outer(lengths[z], lengths[x])
+    inverse = np.linalg.inv((gram[z, x] + prior) / units) / units.T
+    mean = inverse @ cross[z]
+    covariance = noise * inverse @ (gram[z, z] + prior) @ inverse.T
+    effective = count - float(np.trace(inverse * prior))
+    residual = square - float(mean @ (2 * cross[x] - gram[x, x] @ mean))
+    return FittedWeights(mean, covariance, residual / max(number - effective, 1.0), effective)
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)

@@ -8,8 +8,7 @@ from tests.synthetic import results_of, summary_of
 
 from tvsysid.studies.van_de_ruit_2021 import STUDY
 from tvsysid.study import Study, run
-from tvsysid.study.scores import METRICS
-from tvsysid.study.summary import COLUMNS
+from tvsysid.study.scores import COLUMNS, METRICS
 
 OF_EXPERIMENT = ("participant", "realizations", "bootstraps")
 PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")

@@ -5,8 +5,7 @@ from tests.synthetic import results_of
 
 import tvsysid as tv
 from tvsysid.study import Study, run, score, summarize
-from tvsysid.study.scores import METRICS
-from tvsysid.study.summary import COLUMNS
+from tvsysid.study.scores import COLUMNS, METRICS
 
 SQUARE = tv.simulate.SquareWave()(np.arange(200) / 100)
 

@@ -5,12 +5,7 @@ from tvsysid.study.dataset import read_results
 from tvsysid.study.experiment import Experiment, Recorded
 from tvsysid.study.run import plan, run
 from tvsysid.study.scenarios import Study
-from tvsysid.study.scores import score
-from tvsysid.study.summary import (
-    exclusions,
-    stiffness_over_time,
-    summarize,
-)
+from tvsysid.study.scores import exclusions, score, stiffness_over_time, summarize
 from tvsysid.study.workers import cores
 
 __all__ = [

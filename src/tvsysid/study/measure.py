@@ -100,8 +100,8 @@ def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
             scores[f"covered quantity {name}"] = np.where(has_band, held, np.nan)
     several = [name for name in torques if name in truth.pathways]
     for name in several if len(several) > 1 else ():
-        shares = metrics.vaf(truth.pathways[name], torques[name])
-        scores[f"pathway_vaf pathway {name}"] = mean_known(shares)
+        vaf = mean_known(metrics.vaf(truth.pathways[name], torques[name]))
+        scores[f"pathway_vaf pathway {name}"] = vaf
     return scores
 
 

@@ -66,14 +66,14 @@ class Scenario(NamedTuple):
         return re.sub(r"[^\w.+=,() -]+", "_", "-".join(words))
 
 
-def _to_values(values: Any) -> tuple[Any, ...]:
-    return tuple(map(to_float, to_tuple(values)))
-
-
 def _values(*default: Any, validator: Any = None) -> Any:
     """Return a field of one value or several, numbers as floats."""
     each = validator and attrs.validators.deep_iterable(validator)
-    return attrs.field(default=default, converter=_to_values, validator=each)
+    return attrs.field(
+        default=default,
+        converter=lambda values: tuple(map(to_float, to_tuple(values))),
+        validator=each,
+    )
 
 
 @attrs.frozen(slots=False, kw_only=True)

@@ -11,8 +11,6 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -20,6 +18,7 @@ from zipfile import BadZipFile
 import attrs
 import cloudpickle
 import numpy as np
+import scipy
 
 from tvsysid import __version__
 from tvsysid.errors import InputError, describe_error, one_line
@@ -30,11 +29,14 @@ from tvsysid.signals import Ensemble
 from tvsysid.study.measure import Scores, Truth, measure, stack
 
 
-@cache
 def versions() -> dict[str, str]:
     """Return the versions of the software that decides the last bits of a result."""
-    libraries = {name: version(name) for name in ("numpy", "scipy")}
-    return {"tvsysid": __version__} | libraries | {"python": platform.python_version()}
+    return {
+        "tvsysid": __version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "python": platform.python_version(),
+    }
 
 
 @attrs.frozen(kw_only=True)
@@ -107,9 +109,9 @@ def run_pickled(task: bytes) -> Scores:
 def identity_of(item: object) -> str:
     """Return a text that identifies an object: its settings and, if it is a user's, its code."""
     kind: Any = item if inspect.isroutine(item) else type(item)
-    module = sys.modules.get(kind.__module__)
-    if module is None or module.__name__.startswith("tvsysid."):
+    if kind.__module__.startswith("tvsysid."):
         return label_of(item)
+    module: Any = sys.modules.get(kind.__module__)
     with np.printoptions(threshold=sys.maxsize):
         text = re.sub(" at 0x[0-9a-f]+", "", repr(item.__getstate__()))
     with suppress(OSError, TypeError):  # notebooks have no source of a module

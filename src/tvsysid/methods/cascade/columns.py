@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
 
 import attrs
 import numpy as np
-import scipy
 from numpy.typing import NDArray
-from scipy.linalg import convolution_matrix, toeplitz
+from scipy.linalg import toeplitz
 from scipy.ndimage import correlate1d
 
 from tvsysid.errors import InputError
@@ -21,6 +18,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import TAPS, keep_every
 from tvsysid.numerics.differentiation import derivative_weights
+from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.second_order import response_readout
 from tvsysid.signals import Ensemble
 
@@ -30,8 +28,8 @@ RECORDED_HALF_WIDTH = 8  # samples to either side of derivatives at the recorded
 NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
 MAX_LAG_S = 0.04  # of the intrinsic response, to either side
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
+CHANGING = 2  # signals whose coefficients change: angle and velocity
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
-MAX_SUMMED = 512  # samples of a realization up to which sums over realizations come first
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 
@@ -113,55 +111,6 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
     late = np.maximum(np.arange(last) / rate - delay, 0.0)
     response = (np.subtract(*np.exp(poles * late)) / root).real
     return np.asarray((response / response.sum())[:samples])
-
-
-def convolved(values: Array, response: Array) -> Array:
-    """Convolve values (column, realization, time) with a response (time,) from lag 0 on."""
-    whole = scipy.signal.fftconvolve(values, response[None, None], axes=-1)
-    return np.asarray(whole[..., : values.shape[-1]])
-
-
-class Explicit(NamedTuple):
-    """Columns: ``values`` (column, realization, time), and ``weighted`` values."""
-
-    values: Array
-    weighted: Array
-
-
-class Modulated(NamedTuple):
-    """Columns: a signal times functions of time, perhaps convolved with a muscle's response.
-
-    The ``signal`` has shape (realization, history + time), the ``functions`` (history + time,
-    column), the ``muscle`` and the ``weighted`` muscle (time, history + time). Products are sums
-    over realizations first: the columns themselves are not computed.
-    """
-
-    signal: Array
-    functions: Array
-    muscle: Array | None
-    weighted: Array
-
-
-Columns = Explicit | Modulated
-
-
-def product(one: Columns, other: Columns, rows: slice) -> Array:
-    r"""Return weighted products of columns with others, summed over realizations (``rows``).
-
-    Without a muscle, :math:`\sum_r (s_r F)^T W (s'_r F') = F^T (W \circ \sum_r s_r s_r'^T)\, F'`.
-    """
-    if isinstance(other, Explicit):
-        if isinstance(one, Modulated):
-            return product(other, one, rows).T
-        return np.tensordot(one.values[:, rows], other.weighted[:, rows], ((1, 2), (1, 2)))
-    if isinstance(one, Explicit):
-        early = one.weighted[:, rows]
-        early = early if other.muscle is None else early @ other.muscle
-        sums = np.einsum("crt,rt->ct", early, other.signal[rows])
-    else:
-        weights = other.weighted if one.muscle is None else one.muscle.T @ other.weighted
-        sums = one.functions.T @ (one.signal[rows].T @ other.signal[rows] * weights)
-    return np.asarray(sums @ other.functions)
 
 
 @attrs.frozen(eq=False)
@@ -250,7 +199,7 @@ class Data:
     def number(self) -> float:
         """Return the number of samples that are independent of the means."""
         rows, times = self.torque.shape
-        return float((rows - 1) * times if rows > 1 else times - len(self.windows))
+        return float((rows - 1) * times if rows > 1 else times - 1)
 
     @property
     def intrinsic_count(self) -> int:
@@ -271,65 +220,66 @@ class Data:
     @cached_property
     def windows(self) -> list[tuple[slice, Array]]:
         """Return intervals of time, and the weights (time, time) of the samples in each."""
-        rows, times = self.torque.shape
+        times = self.torque.shape[1]
         edges = np.linspace(0, times, -(-times // MAX_WINDOW) + 1).astype(int).tolist()
         windows = []
         for start, stop in pairwise(edges):
-            inverse = np.linalg.inv(_matrix(self.noise, stop - start))
-            if rows == 1:  # its mean is not known
-                weight = inverse.sum(axis=0)
-                inverse = inverse - np.outer(weight, weight) / weight.sum()
+            weights = np.linalg.inv(_matrix(self.noise, stop - start))
             if self.true_noise is not None:
-                inverse = inverse @ _matrix(self.true_noise, stop - start) @ inverse
-            windows.append((slice(start, stop), np.asarray(inverse)))
+                weights = weights @ _matrix(self.true_noise, stop - start) @ weights
+            windows.append((slice(start, stop), np.asarray(weights)))
         return windows
 
     def weighted(self, values: Array) -> Array:
         """Return values (…, time) times the weights."""
         return np.concatenate([values[..., at] @ weights for at, weights in self.windows], axis=-1)
 
-    def explicit(self, values: Array) -> Explicit:
-        """Return columns from their values (column, realization, time)."""
-        return Explicit(values, self.weighted(values))
+    @property
+    def changing(self) -> list[tuple[Array, Array]]:
+        """Return angle and velocity (realization, time), and their functions (time, column)."""
+        bases = np.split(self.functions[self.times], self.starts[1:3], axis=1)[:CHANGING]
+        return list(zip(self.signals[:CHANGING], bases, strict=True))
 
-    def modulated(self, signal: Array, functions: Array, response: Array | None = None) -> Columns:
-        """Return a signal (realization, history + time) times functions, convolved with a response.
+    @cached_property
+    def changing_products(self) -> list[Array]:
+        r"""Return the products (column, column) of angle's and velocity's columns of each fold.
 
-        The functions have shape (history + time, column). A single column, and those of long
-        realizations, are computed.
+        .. math:: \sum_r (s_r F)^T W (s'_r F') = F^T (W \circ \sum_r s_r s_r'^T)\, F'
         """
-        times, muscle = self.torque.shape[1], None
-        if functions.shape[1] == 1 or times > MAX_SUMMED:
-            values = signal * functions.T[:, None]
-            values = values if response is None else convolved(values, response)
-            return self.explicit(values[..., -times:])
-        if response is not None:
-            muscle = convolution_matrix(response, len(functions))[: len(functions)][-times:]
-        weighted = self.weighted(np.eye(times) if muscle is None else muscle.T).T
-        return Modulated(signal, functions, muscle, weighted)
 
-    @cached_property
-    def columns(self) -> list[Columns]:
-        """Return torque and intrinsic columns. Those after velocity are constant."""
-        bases = np.split(self.functions[self.times], self.starts[1:3], axis=1)
-        changing = map(self.modulated, self.signals[:2], bases)
-        return [self.explicit(self.torque[None]), *changing, self.explicit(self.signals[2:])]
+        def product(rows: slice, one: Array, own: Array, other: Array, others: Array) -> Array:
+            parts = (
+                own[at].T @ (one[rows, at].T @ other[rows, at] * weights) @ others[at]
+                for at, weights in self.windows
+            )
+            return np.asarray(np.sum(list(parts), axis=0))
 
-    @cached_property
-    def products(self) -> Array:
-        """Return the products (fold, column, column) of torque and intrinsic columns."""
-        products = np.zeros((len(self.folds), 0, 0))
-        for number, columns in enumerate(self.columns):
-            products = self.extended(products, self.columns[:number], columns)
-        return products
+        pairs = [[(*one, *other) for other in self.changing] for one in self.changing]
+        return [
+            np.block([[product(rows, *each) for each in line] for line in pairs])
+            for rows in self.folds
+        ]
 
-    def extended(self, products: Array, columns: Sequence[Columns], further: Columns) -> Array:
-        """Return products (fold, column, column) of columns, which are given, and further ones."""
-        grown = []
-        for rows, known in zip(self.folds, products, strict=True):
-            new = np.concatenate([product(each, further, rows) for each in (*columns, further)])
-            grown.append(np.vstack([np.hstack([known, new[: len(known)]]), new.T]))
-        return np.stack(grown)
+    def products(self, further: Array) -> Array:
+        """Return the products (fold, column, column) of intrinsic and further columns, and torque.
+
+        The further columns have shape (column, realization, time).
+        """
+        columns = np.concatenate([self.signals[CHANGING:], further, self.torque[None]])
+        weighted, products = self.weighted(columns), []
+        for rows, first in zip(self.folds, self.changing_products, strict=True):
+            sums = [
+                np.einsum("crt,rt->ct", weighted[:, rows], signal[rows]) @ bases
+                for signal, bases in self.changing
+            ]
+            cross = np.hstack(sums)
+            rest = np.tensordot(columns[:, rows], weighted[:, rows], ((1, 2), (1, 2)))
+            products.append(np.block([[first, cross.T], [cross, rest]]))
+        return np.stack(products)
+
+    def moments(self, further: Array) -> Moments:
+        """Return the moments of intrinsic and further columns."""
+        return Moments.of(self.products(further).sum(axis=0), self.number)
 
     def features(self, weights: Array) -> Array:
         """Return rows (time, column) that give the weighted sum of the signals' coefficients."""

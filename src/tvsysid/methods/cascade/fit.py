@@ -12,9 +12,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.columns import Columns, Data, convolved, deviations, muscle
+from tvsysid.methods.cascade.columns import Data, deviations, muscle
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
+from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import autocorrelation
 
 # Constants of stiffness, viscosity and inertia have an almost flat prior, relative to the noise.
@@ -43,7 +44,6 @@ MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
     ]
 ).T
 MAX_STEPS, MAX_HALVINGS = 8, 6  # of Gauss-Newton, and of each of its steps
-ROUNDS = 2  # that improve shape and hyperparameters in turn
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
 
 
@@ -65,8 +65,6 @@ class Fit:
         Numbers of the shape that are estimated.
     parameters
         Hyperparameters; by default those of greatest evidence.
-    positive
-        Rows (row, column) whose products with the coefficients must not be negative.
     """
 
     data: Data
@@ -74,32 +72,27 @@ class Fit:
     shape: Array
     free: list[int]
     parameters: Array = attrs.field()
-    positive: Array | None = None
 
     @parameters.default
-    def _tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
-        """Return the hyperparameters of greatest evidence near a start."""
-        return self.prior.tuned(start)
-
-    @cached_property
-    def _parts(self) -> tuple[Array, Array, Array]:
-        """Return the drive, the functions of the gain at the times of arrival, and the muscle."""
-        assert self.drive is not None
-        data, drive = self.data, self.drive(float(self.shape[THRESHOLD]))
-        steps = np.arange(-drive.shape[1], 0) + data.times.stop
-        gain = data.gain((steps / data.rate + float(self.shape[DELAY])) / data.period)
-        return drive, gain, muscle(self.shape, len(steps), data.rate)
+    def _tuned(self) -> Array:
+        return self.prior.tuned(USUAL_PARAMETERS)
 
     def reflex(self, coefficients: Array) -> Array:
         """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
 
         The gain is that at the time of arrival.
         """
+        data, (rows, times) = self.data, self.data.torque.shape
         if self.drive is None:
-            return np.zeros((0, *self.data.torque.shape))
-        drive, gain, response = self._parts
-        arriving = drive * (gain @ coefficients).T[:, None]
-        return convolved(arriving, response)[..., -self.data.torque.shape[1] :]
+            return np.zeros((0, rows, times))
+        drive = self.drive(float(self.shape[THRESHOLD]))
+        response = muscle(self.shape, drive.shape[1] - times + 1, data.rate)
+        steps = np.arange(data.times.start - len(response) + 1, data.times.stop)
+        gain = data.gain((steps / data.rate + float(self.shape[DELAY])) / data.period)
+        arriving = drive[:, -len(steps) :] * (gain @ coefficients).T[:, None]
+        lines = arriving.reshape(-1, len(steps))
+        torque = convolve_lags(lines, np.broadcast_to(response, (times, len(response))))
+        return torque.reshape(-1, rows, times)
 
     def torques(self, coefficients: Array) -> tuple[Array, Array]:
         """Return intrinsic and reflex torque (realization, time), less their means."""
@@ -111,26 +104,20 @@ class Fit:
         """Return the torque (realization, time) that coefficients leave."""
         return np.asarray(self.data.torque - np.sum(self.torques(coefficients), axis=0))
 
-    @property
+    @cached_property
     def reflex_columns(self) -> Array:
         """Return the columns of the reflex (column, realization, time)."""
         return self.reflex(np.eye(2 * self.data.gain.harmonics + 1))
 
     @cached_property
-    def _reflex(self) -> Columns:
-        if self.drive is None:
-            return self.data.explicit(self.reflex_columns)
-        return self.data.modulated(*self._parts)
-
-    @cached_property
     def products(self) -> Array:
-        """Return the products (fold, column, column) of torque and columns."""
-        return self.data.extended(self.data.products, self.data.columns, self._reflex)
+        """Return the products (fold, column, column) of columns and torque."""
+        return self.data.products(self.reflex_columns)
 
     @cached_property
     def moments(self) -> Moments:
         """Return the moments of all columns."""
-        return moments_of(self.products.sum(axis=0), self.data.number)
+        return Moments.of(self.products.sum(axis=0), self.data.number)
 
     @property
     def prior(self) -> Prior:
@@ -146,7 +133,7 @@ class Fit:
     @cached_property
     def posterior(self) -> Posterior:
         """Return the posterior of the coefficients."""
-        return posterior_of(self.moments, self.spread, self.positive)
+        return posterior_of(self.moments, self.spread)
 
     @cached_property
     def objective(self) -> float:
@@ -170,8 +157,8 @@ class Fit:
         data, left = self.data, np.full_like(self.data.torque, np.nan)
         if len(data.folds) > 1:
             for rows, products in zip(data.folds, self.products, strict=True):
-                own = moments_of(products, len(left[rows]) / len(left) * data.number)
-                mean = posterior_of(self.moments.without(own), self.spread, self.positive).mean
+                own = Moments.of(products, len(left[rows]) / len(left) * data.number)
+                mean = posterior_of(self.moments.without(own), self.spread).mean
                 left[rows] = self.residual_of(mean)[rows]
         return left
 
@@ -196,11 +183,9 @@ class Fit:
             slopes.append(change[0] / np.sum(ends[1].shape - ends[0].shape))
         return np.array(slopes).reshape(-1, *self.data.torque.shape)
 
-    def moments_with_slopes(self, slopes: Array) -> Moments:
-        """Return the moments of all columns, and of the torque's derivatives by the shape."""
-        data, columns = self.data, [*self.data.columns, self._reflex]
-        products = data.extended(self.products, columns, data.explicit(slopes))
-        return moments_of(products.sum(axis=0), data.number)
+    def every_column(self) -> Array:
+        """Return the columns of the reflex, and the torque's derivatives by the shape."""
+        return np.concatenate([self.reflex_columns, self.slopes()])
 
     @property
     def freedom(self) -> float:
@@ -218,10 +203,10 @@ class Fit:
         weights of the samples, and :math:`\Sigma` the noise's autocovariance within a realization,
         from the residual.
         """
-        left, precision, slopes = self.residual, self.precision(), self.slopes()
-        inverse = solve(self.moments_with_slopes(slopes), precision).covariance
+        left, precision, columns = self.residual, self.precision(), self.every_column()
+        inverse = solve(self.data.moments(columns), precision).covariance
         data = attrs.evolve(self.data, true_noise=autocorrelation(left, 0.0))
-        coloured = attrs.evolve(self, data=data).moments_with_slopes(slopes).gram
+        coloured = data.moments(columns).gram
         variance = float(np.sum(left**2)) / self.freedom
         prior = self.posterior.noise_variance * (inverse * precision) @ inverse
         return np.asarray(variance * inverse @ coloured @ inverse + prior)
@@ -238,7 +223,7 @@ class Fit:
         """
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
-            moments, numbers = fit.moments_with_slopes(fit.slopes()), fit.shape[free]
+            moments, numbers = fit.data.moments(fit.every_column()), fit.shape[free]
             # The prior pulls the step towards MEAN - numbers.
             away = np.zeros(len(moments.cross))
             away[-len(free) :] = MEAN[free] - numbers
@@ -254,37 +239,22 @@ class Fit:
         return fit
 
     def refined(self) -> Fit:
-        """Return the fit with shape and hyperparameters improved in turn."""
-        fit = self
-        for _ in range(ROUNDS):
-            fit = fit.improved()
-            fit = attrs.evolve(fit, parameters=fit._tuned(fit.parameters))
-        return fit
+        """Return the fit with an improved shape, then improved hyperparameters."""
+        fit = self.improved()
+        return attrs.evolve(fit, parameters=fit.prior.tuned(fit.parameters))
 
 
-def moments_of(products: Array, number: float) -> Moments:
-    """Return the moments of columns that follow the torque."""
-    return Moments.of(np.roll(products, -1, axis=(0, 1)), number)
-
-
-def posterior_of(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
+def posterior_of(moments: Moments, spread: Array) -> Posterior:
     """Return the posterior of coefficients whose prior ``spread`` is relative to the noise.
 
-    The noise variance is the most probable one. The mean has the greatest posterior density of all
-    coefficients whose products with each row of ``positive`` (row, coefficient) are not negative.
+    The noise variance is the most probable one.
     """
     found = solve(moments, spread**-2)
-    mean, left = found.mean, found.penalized_residual
-    if positive is not None:
-        free = found.inverse_factor @ moments.cross
-        inside = nearest_inside(free, found.inverse_factor @ positive.T)
-        mean, left = inside @ found.inverse_factor, left + float(free @ free - inside @ inside)
-    left = max(left, 1e-14 * moments.square + np.finfo(float).tiny)
+    left = max(found.penalized_residual, 1e-14 * moments.square + np.finfo(float).tiny)
     noise = left / moments.number
     precision = found.precision / noise
     return attrs.evolve(
         found,
-        mean=mean,
         penalized_residual=left,
         noise_variance=noise,
         precision=precision,
@@ -301,13 +271,6 @@ def relative_log_evidence(found: Posterior, square: float) -> float:
     """
     misfit = found.number * math.log(found.penalized_residual / square)
     return -0.5 * (misfit + found.log_determinant)
-
-
-def nearest_inside(point: Array, normals: Array) -> Array:
-    """Return the nearest point whose products with no column of ``normals`` are negative."""
-    size, sizes = np.linalg.norm(point), np.linalg.norm(normals, axis=0)
-    unit = normals / np.maximum(sizes, np.finfo(float).tiny)
-    return np.asarray(point + size * (unit @ scipy.optimize.nnls(unit, -point / size)[0]))
 
 
 class Prior(NamedTuple):

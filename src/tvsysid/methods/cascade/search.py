@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
-from scipy.linalg import block_diag
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data, deviations
@@ -28,7 +27,6 @@ from tvsysid.signals import Ensemble
 VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
 HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
 INITIAL_THRESHOLD = 0.15  # rad/s
-MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
@@ -119,16 +117,15 @@ class Search:
 
         residual = solved(self.data).residual
         data = attrs.evolve(self.data, noise=autocorrelation(residual))
-        fit = solved(data)
+        fit, white = solved(data), self.data
         if data.varies:
             constant = solved(data.constant)
-            fit = fit if _is_better(fit, constant, MIN_CHANGE_EVIDENCE) else constant
-        if len(residual) < MIN_TESTED_REALIZATIONS:
-            return fit
-        data = attrs.evolve(fit.data, noise=autocorrelation(residual, WHITE_FLOOR))
-        white = attrs.evolve(fit, data=data).share()
-        is_misfit = white - fit.share() > MAX_MISFIT * (1 - white)
-        return solved(data) if is_misfit else fit
+            if not _is_better(fit, constant, MIN_CHANGE_EVIDENCE):
+                fit, white = constant, white.constant
+        share = attrs.evolve(fit, data=white).share()  # unknown if there is a single fold
+        if share - fit.share() > MAX_MISFIT * (1 - share):
+            fit = solved(attrs.evolve(fit.data, noise=autocorrelation(residual, WHITE_FLOOR)))
+        return fit
 
     def select(self) -> Selection:
         """Return the fit with a reflex if held-out realizations show one, or if EMG drives it."""
@@ -139,33 +136,18 @@ class Search:
                 direction, shown = test.direction, test.shown
         drive = self.drive_by_threshold(direction)
         if shown:
-            fit = self._limited(_refined(self.fit(drive)))
+            fit = _refined(self.fit(drive))
             return Selection(self, direction, True, fit, fit)
         none = self.fit(None)
         usual = Fit(none.data, drive, self._shape(0.0), [])
-        return Selection(self, direction, False, self._limited(usual), self._limited(none))
+        return Selection(self, direction, False, usual, none)
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is detected."""
         data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
         drive = self.drive_by_threshold(known.direction)
-        fit = self._limited(Fit(data, drive, known.shape, [], known.parameters))
+        fit = Fit(data, drive, known.shape, [], known.parameters)
         return Selection(self, known.direction, True, fit, fit)
-
-    def _limited(self, fit: Fit) -> Fit:
-        """Return the fit with the same hyperparameters, without negative viscosity and gain.
-
-        Stiffness keeps one sign. The gain of EMG is of either sign.
-        """
-        data = fit.data
-        some = slice(0, None, max(1, self.ensemble.samples // MAX_LIMITED_TIMES))
-        stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.starts))[0]
-        weights = stiffness, data.readout[1]
-        rows = np.concatenate([data.features(each)[some] for each in weights])
-        if fit.drive is not None:
-            gain = data.gain(self.ensemble.time[some] / data.period)
-            rows = block_diag(rows, gain if self.emg is None else gain[:0])
-        return attrs.evolve(fit, positive=rows)
 
 
 def _refined(fit: Fit) -> Fit:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import savemat
+from tests.faults import simulated
 
 import tvsysid as tv
 from tvsysid import cli
@@ -23,11 +24,7 @@ def blocks(heading):
 @pytest.fixture
 def recorded(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    recording = (
-        tv.simulate.Joint(stiffness=tv.simulate.SineWave())
-        .simulate(60, perturbation=tv.simulate.PRBS(), snr_db=20, seed=0)
-        .recording
-    )
+    recording = simulated(60.0, "prbs", "sine", 20.0, 0)
     savemat("ankle.mat", {"angle": recording.angle, "torque": recording.torque})
 
 

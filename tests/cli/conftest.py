@@ -6,8 +6,8 @@ from functools import cache
 
 import pytest
 from scipy.io import savemat
+from tests import faults
 
-import tvsysid as tv
 from tvsysid.errors import InputError
 from tvsysid.recommendation import Recommendation
 
@@ -23,10 +23,7 @@ IDENTIFY = "--angle angle --torque torque --rate 1000 --decimate 100 --period 2"
 @cache
 def simulated():
     """Signals of a simulated joint, 40 s at 1000 Hz."""
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.SquareWave()).simulate(
-        40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=0
-    )
-    recording = simulation.recording
+    recording = faults.simulated(40.0, profile="square", seed=0)
     return {"angle": recording.angle[1000:-1000], "torque": recording.torque[1000:-1000]}
 
 

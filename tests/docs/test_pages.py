@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 from tests.docs.pages import DOCS, run, text_of
+from tests.faults import simulated
 
 import tvsysid as tv
 from tvsysid.quality import FAULTS
@@ -50,10 +51,7 @@ def test_the_site_lists_every_check_with_its_limit_effect_and_remedy(monkeypatch
 @pytest.mark.usefixtures("sketched")
 def test_the_example_diagnoses_a_reversed_torque(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    simulated = tv.simulate.Joint().simulate(
-        60, perturbation=tv.simulate.FilteredNoise(), snr_db=20, seed=0
-    )
-    recording = simulated.recording
+    recording = simulated(60.0, "noise", "square", 20.0, 0)
     savemat("ankle.mat", {"angle": recording.angle, "torque": -recording.torque})
     run("diagnosis.md")
     assert "reversed" in capsys.readouterr().out

@@ -51,10 +51,7 @@ FORM = {
 
 @pytest.fixture(scope="module")
 def recording():
-    joint = tv.simulate.Joint(stiffness=tv.simulate.SineWave())
-    return joint.simulate(
-        40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1, rate=1000
-    ).recording
+    return faults.simulated(40.0)
 
 
 @pytest.fixture(scope="module")

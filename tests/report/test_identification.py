@@ -129,11 +129,7 @@ def test_what_follows_a_variable_comes_first_and_an_impossible_sign_is_said(tmp_
 @pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp_path):
-    simulation = tv.simulate.Joint().simulate(
-        80, perturbation=tv.simulate.PRBS(), snr_db=10, seed=1
-    )
-    # Longer than the trials of 2 s
-    ensemble = realizations(simulation.recording, 1.9)
+    ensemble = ensemble_of(80.0, "square", "prbs", seed=1, period=1.9)  # of a movement of 2 s
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
     (told,) = found.answer.lines
     assert told.startswith("no stiffness is stated. The movement does not repeat with this period")

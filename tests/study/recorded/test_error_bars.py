@@ -1,23 +1,13 @@
 """What bootstraps of one recording say of the random error, against many simulated recordings."""
 
-from functools import cache
-
 import numpy as np
 import pytest
-from tests.conftest import realizations
+from tests.conftest import ensemble_of
 
 import tvsysid as tv
 from tvsysid.preprocess import bootstrap_weights
 
 TRIALS, DRAWS, MANY, FEW = 50, 50, 75, 20
-
-
-@cache
-def simulated(seconds, seed):
-    simulation = tv.simulate.Joint(stiffness=tv.simulate.SineWave()).simulate(
-        seconds, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=seed
-    )
-    return realizations(simulation.recording)
 
 
 def spread_of(method, ensembles):
@@ -30,10 +20,10 @@ def spread_of(method, ensembles):
 def test_bootstraps_of_a_recording_vary_as_recordings_do(key):
     method, in_one_piece = tv.methods.parse(key), key == "kbr"
     size = FEW if in_one_piece else MANY
-    recordings = (simulated(2.0 * MANY, 1000 + number) for number in range(TRIALS))
+    recordings = (ensemble_of(2.0 * MANY, seed=1000 + number) for number in range(TRIALS))
     spread = spread_of(method, (each.select(np.arange(size)) for each in recordings))
     told = []
-    for ensemble in (simulated(600.0, number) for number in range(2)):
+    for ensemble in (ensemble_of(600.0, seed=number) for number in range(2)):
         every = np.arange(len(ensemble))
         weights = bootstrap_weights(len(ensemble), size, DRAWS, 5, in_one_piece)
         drawn = (ensemble.select(np.repeat(every, each)) for each in weights)

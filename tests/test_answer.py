@@ -16,7 +16,7 @@ from tvsysid.recommendation.method import DataProperties
 
 SUITS = Recommendation(("adaptive",), "the movement repeats")
 NONE_SUITS = attrs.evolve(SUITS, suited=(), why="the torque is too weak. Perturb more")
-SLOW = attrs.evolve(SUITS, measured=DataProperties(slow_noise=12.0))
+LOOPED = attrs.evolve(SUITS, measured=DataProperties(feedback=0.4))
 BIASED = attrs.evolve(SUITS, measured=DataProperties(slow_noise=12.0, noise_bias=26.0))
 BY_REFERENCE = tv.BasisIRF(reference="cmd")
 
@@ -89,7 +89,7 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
         (["delay"], {"size": -7.0}, "doubtful", "Angle and torque are not recorded"),
         (["reflex"], {}, "doubtful", "Part of this stiffness is a stretch reflex: reflex was seen"),
         ([], {"known": BIASED, "suited": False}, "doubtful", "The movement repeats. Identify by"),
-        ([], {"known": SLOW}, "good", "If the actuator is compliant, stiffness is too low"),
+        ([], {"known": LOOPED}, "good", "Later movement predicts 0.4 % of the torque: if the"),
     ],
 )
 def test_levels_and_their_reason(judged, faults, words, level, start):
@@ -104,7 +104,7 @@ def test_levels_and_their_reason(judged, faults, words, level, start):
         ([], {}),
         (["delay"], {"size": 2.3}),
         (["reflex"], {"method": tv.JointCascade()}),
-        ([], {"known": SLOW, "method": BY_REFERENCE}),
+        ([], {"known": LOOPED, "method": BY_REFERENCE}),
         # A reference mends a loop, in which the right impedance may predict nothing.
         (
             ["feedback", "loop-bias"],

@@ -39,7 +39,7 @@ def test_simulate_then_identify(tvsysid, tmp_path):
     code, out, err = tvsysid(f"{command[8:]} --method sds --method kbr --out found --sheet")
     assert (code, err) == (0, "")
     assert "28 realizations of 2 s" in out
-    assert "diagnosis: no fault found in " in out
+    assert "diagnosis: no fault found (" in out
     assert "wrote report.html, sheet.html, models.nc" in out
     for _, found in written("found").groupby("method"):
         truth = np.where((found.time_s >= 0.5) & (found.time_s < 1.5), 150.0, 50.0)

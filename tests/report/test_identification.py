@@ -41,7 +41,7 @@ def test_it_says_how_it_was_found_and_what_is_wrong(elements):
         assert text in told
     assert "realizations left out 2: no context" in told
     diagnosis = section(elements, "diagnosis")
-    assert "No fault found in " in diagnosis
+    assert "No fault found (" in diagnosis
     assert "Not judged: mean-torque" in diagnosis
 
 

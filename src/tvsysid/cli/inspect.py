@@ -19,6 +19,10 @@ from tvsysid.recordings.reading import Reading, Segmentation
 if TYPE_CHECKING:
     from tvsysid.recordings import Channel
 
+# Decimation would hide these faults.
+SENSOR_CHECKS = {"clipped-torque", "clipped-angle", "lost-torque", "lost-angle"}
+SENSOR_CHECKS |= {"torque-spikes", "angle-spikes"}
+
 
 def inspect(
     file: Path,
@@ -41,8 +45,8 @@ def inspect(
     clipped signals, drift, misaligned realizations, a wrong period, feedback, reflexes. Prints the
     effect and the remedy of each fault and, with `--period`, which method suits the data. Writes a
     page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture. ANGLE and TORQUE are
-    the channels' names. The data are those that `tvsysid identify` identifies with these options.
-    Without `--period`, the record is cut into pieces of 2 s, and repetitions are not checked.
+    the channels' names. The data are those that `tvsysid identify` identifies with these options;
+    clipped and lost signals and spikes are looked for at the recorded rate. Without `--period`, the record is cut into pieces of 2 s, and repetitions are not checked.
 
     Example: `tvsysid inspect ankle.mat`
 
@@ -117,8 +121,12 @@ def _show_diagnosis(
         diagnosis = prepared.diagnose(reference)
         if isinstance(diagnosis, str):
             raise InputError(diagnosis)
-        corrected = {each.name: each for each in prepared.corrected}
-        checks = {each.name: each for each in diagnosis.checks} | corrected
+        recorded = prepare(
+            file, reading, attrs.evolve(segmentation, decimate=None), align_channels=False
+        ).diagnose()
+        found = () if isinstance(recorded, str) else recorded.checks
+        sensors = [each for each in found if each.name in SENSOR_CHECKS]
+        checks = {each.name: each for each in (*diagnosis.checks, *sensors, *prepared.corrected)}
         diagnosis = attrs.evolve(
             diagnosis, checks=tuple(checks[name] for name in FAULTS if name in checks)
         )

@@ -87,7 +87,7 @@ class Diagnosis:
         judged = len(self.checks) - states["not judged"]
         found = f"{states['found'] or 'no'} fault{'s' * (states['found'] > 1)}"
         uncertain = f", {states['uncertain']} uncertain" if states["uncertain"] else ""
-        return f"{found} found in {judged} of {len(FAULTS)} checks{uncertain}"
+        return f"{found} found{uncertain} ({judged} of {len(FAULTS)} checks are possible)"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -166,7 +166,7 @@ def diagnose(
     >>> recording = tv.preprocess.decimate(simulation.recording, 100)
     >>> ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
     >>> tv.diagnose(ensemble)
-    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found in 26 of 32 checks
+    Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found (26 of 32 checks are possible)
     not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)
     not judged: clipped-angle (the same values of angle come again and again, not only the extremes)
     """

@@ -22,6 +22,7 @@ from tvsysid.models import Model
 from tvsysid.numerics.bands import mean_of
 from tvsysid.quality import Diagnosis, Finding
 from tvsysid.recommendation.method import (
+    MIN_FEEDBACK_PERCENT,
     MIN_INFORMATION,
     RECORD_REFERENCE,
     Recommendation,
@@ -32,14 +33,19 @@ CRITICAL_VALUE = 1.96  # standard deviations within which 95 % of methods would 
 MAX_NEGATIVE_PERCENT = 2.5  # of the time; by chance, a 95 % band lies below the truth this often
 MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
+MAX_SPREAD = 0.25  # of the mean stiffness; at most 0.1 in 50 sound simulated joints
 MAX_REASONS = 3
 UNPREDICTED = (
     "The model predicts none of the torque of held-out realizations. Check the channels (--angle, "
     "--torque), or record more."
 )
 POSSIBLE_LOOP = (
-    "If the actuator is compliant, stiffness is too low: the noise in the torque is slow or strong "
-    f"enough to move the joint. {RECORD_REFERENCE}, and name it as the reference."
+    "Later movement predicts {:.1f} % of the torque: if the actuator is compliant, noise moves the "
+    f"joint and stiffness is too low. {RECORD_REFERENCE}, and name it (--channel)."
+)
+WIDE_SPREAD = (
+    "Methods differ by ± {:.1f} N·m/rad, over a quarter of the stiffness: they do not all describe "
+    "this joint. State this difference beside the band, and see which methods agree (--method all)."
 )
 Trust: TypeAlias = Literal["good", "doubtful", "none"]
 
@@ -175,7 +181,13 @@ def answer(
     typical = float(np.median(vafs[label]))
     trust, reasons = judge_trust(model, method, recommendation, label in suited, typical)
     spread = model_spread(ensemble, methods, models, label, means)
-    return Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
+    found = Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
+    has_reference = any(item.kind == "reference" for item in method.inputs)
+    limit = np.fmax(MAX_SPREAD * mean_of(model.stiffness), 2 * found.half_band)
+    if not found.is_stated or has_reference or not found.difference > limit:
+        return found
+    reasons = (WIDE_SPREAD.format(found.difference), *reasons)[:MAX_REASONS]
+    return attrs.evolve(found, trust="doubtful", reasons=reasons)
 
 
 def _known_vaf(model: Model, held_out: Array | None) -> Array:
@@ -276,8 +288,8 @@ def judge_trust(
     if not has_reference and measured.is_biased and not is_suited:
         first = recommendation.suited[0]
         reasons.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
-    elif not has_reference and measured.is_loud:
-        cautions = [POSSIBLE_LOOP]
+    elif not has_reference and measured.feedback > MIN_FEEDBACK_PERCENT:
+        cautions = [POSSIBLE_LOOP.format(measured.feedback)]
     return "doubtful" if reasons else "good", (*reasons, *cautions)[:MAX_REASONS]
 
 

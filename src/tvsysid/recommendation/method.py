@@ -22,7 +22,7 @@ from tvsysid.signals import Ensemble, check_ensemble
 
 BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # slow and fast noise are compared
 SLOW_NOISE_DB = 10.0  # power of slow over fast noise, above which noise is slow
-STRONG_NOISE_DB = 3.0  # signal-to-noise ratio below which noise is strong
+MIN_FEEDBACK_PERCENT = 0.1  # of the torque; in open loop, later movement predicts less
 BIAS_PERCENT = 10.0  # of the stiffness, by noise
 MAX_BIAS_PERCENT = 30.0  # up to which other weights of the frequencies mend it
 LOOP_BIAS_PERCENT = 5.0  # of the stiffness, by a closed loop
@@ -40,7 +40,7 @@ class DataProperties:
     reference: str | None = None
     scheduling: str | None = None
     information: float = math.nan  # realizations at a signal-to-noise ratio of 0 dB
-    signal_to_noise: float = math.nan  # dB
+    feedback: float = math.nan  # %, of the torque that later movement predicts
     slow_noise: float = math.nan  # dB, power density below 5 Hz over that at 8 to 25 Hz
     noise_bias: float = math.nan  # %, by which stiffness rises if noisy frequencies weigh less
     loop_bias: float = math.nan  # %, of the stiffness
@@ -50,11 +50,6 @@ class DataProperties:
     def is_slow(self) -> bool:
         """Whether the torque's noise is slow."""
         return self.slow_noise > SLOW_NOISE_DB
-
-    @property
-    def is_loud(self) -> bool:
-        """Whether noise would bias the stiffness if the actuator is compliant."""
-        return self.is_slow or self.signal_to_noise < STRONG_NOISE_DB
 
     @property
     def is_biased(self) -> bool:
@@ -283,7 +278,7 @@ def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> 
     measured = attrs.evolve(
         known,
         information=len(ensemble) * 10 ** (ratio / 10),
-        signal_to_noise=ratio,
+        feedback=findings["feedback"].value,
         slow_noise=_slow_noise(diagnosis),
         loop_bias=abs(loop.value) if loop and loop.fault.beyond(loop.value) else math.nan,
         faults=frozenset(each.name for each in diagnosis.findings),

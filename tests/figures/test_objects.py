@@ -78,7 +78,8 @@ def test_a_simulation_draws_its_recording():
     assert labels(simulation.plot()) == ["angle", "torque"]
 
 
-def test_a_notebook_shows_a_comparison_as_an_escaped_table(comparison):
+def test_a_notebook_shows_a_comparison_as_escaped_text(comparison):
     html = attrs.evolve(comparison, failed={"mine": "<script>"})._repr_html_()
-    assert html.count("<tr") == 3
+    assert html.startswith("<pre>sds: stiffness ")
+    assert html.count("\n  sds ") == html.count("\n  esm ") == 1
     assert "&lt;script&gt;" in html

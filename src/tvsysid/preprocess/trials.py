@@ -65,13 +65,17 @@ def shortest_trial(recording: Recording) -> int:
     return min(int(trial.stop - trial.start) for trial in recording.trials)
 
 
-def nearest_rate(recorded: float, rate: float) -> float:
+def nearest_rate(recorded: float, rate: float, period: float = 1.0) -> float:
     """Return the rate in Hz nearest to ``rate`` among those that decimation can give.
 
-    Rates of a whole number of Hz are preferred.
+    Rates at which a period in s is a whole number of samples are preferred.
     """
-    rates = (recorded / factor for factor in range(1, int(recorded) + 2))
-    return min(rates, key=lambda fit: (fit % 1 > 0, abs(fit - rate)))
+
+    def order(possible: float) -> tuple[bool, float]:
+        samples = possible * period
+        return abs(samples - round(samples)) > 1e-9 * samples, abs(possible - rate)
+
+    return min((recorded / factor for factor in range(1, int(recorded) + 2)), key=order)
 
 
 def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recording:

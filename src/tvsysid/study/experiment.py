@@ -57,7 +57,7 @@ def _to_preparation(table: Any, experiment: Any) -> dict[str, Any]:
                 "movement in s"
             )
         settings["reference"] = "target" if "target" in reading.channels else None
-        settings["rate"] = nearest_rate(reading.sampling_rate, PREPARATION["rate"])
+        settings["rate"] = nearest_rate(reading.sampling_rate, PREPARATION["rate"], table["period"])
     return settings | {name: None if value is False else value for name, value in table.items()}
 
 
@@ -127,9 +127,9 @@ class Experiment(StudySettings):
         files (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
         Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. Of files, the
-        default rate is the nearest to 128 Hz that divides theirs, and nothing is aligned unless
-        ``reference``, or a channel ``"target"`` in ``reading``, names the torque to be followed.
-        In a TOML file, ``false`` stands for None.
+        default rate is the nearest to 128 Hz that divides theirs and fits the period, and nothing
+        is aligned unless ``reference``, or a channel ``"target"`` in ``reading``, names the torque
+        to be followed. In a TOML file, ``false`` stands for None.
     perturbation
         Which of the perturbations are studied; None takes all there are.
     methods

@@ -115,7 +115,7 @@ def test_what_is_wrong_is_told_by_key(settings, message):
 
 @pytest.mark.parametrize(
     ("recorded", "period", "rate"),
-    [(1000, 2.0, 125), (2048, 2.0, 128), (60, 2.0, 60)],
+    [(1000, 2.0, 125), (1000, 1.5, 100), (2048, 2.0, 128), (60, 2.0, 60)],
 )
 def test_the_default_rate_divides_that_of_the_files_and_nothing_is_aligned(recorded, period, rate):
     reading = READING | {"sampling_rate": recorded}

@@ -25,7 +25,7 @@ from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Ensemble
 
 VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
-HISTORY_S = 0.75  # of the reflex's drive that is used where it was recorded
+HISTORY_S = 1.0  # of the reflex's drive that is used where it was recorded
 INITIAL_THRESHOLD = 0.15  # rad/s
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong

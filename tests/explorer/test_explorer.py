@@ -190,7 +190,7 @@ def test_an_outcome_in_words_in_a_picture_and_in_numbers(found):
 def test_settings_are_saved_beside_the_file(file):
     assert "my ankle.npz.toml" in page(start(file), describe_file(file))
     result(FORM | {"save": "on"}, start(file))
-    saved, settings = saved_settings(settings_file(file)), settings_from(FORM, start(file))
+    saved, settings = saved_settings(file), settings_from(FORM, start(file))
     assert saved == attrs.asdict(settings.reading) | attrs.asdict(settings.cutting)
     settings_file(file).unlink()
 

@@ -160,8 +160,8 @@ def _identify_one(
     with warnings_last():
         prepared = prepare(
             file,
-            reading,
-            segmentation,
+            **attrs.asdict(reading),
+            **attrs.asdict(segmentation),
             align_channels=options.align_channels,
             remove_mains=options.remove_mains,
         )
@@ -174,7 +174,7 @@ def _identify_one(
             out,
             found,
             _source(file, reading),
-            prepared.corrections,
+            [action for fault, action in prepared.corrections if fault.name != "delay"],
             command_line(),
             options.sheet,
             prepared.recording,

@@ -118,16 +118,16 @@ def _show_diagnosis(
     if not repeats:
         remark("note", "repetitions are not checked; if the movement repeats, add --period")
     with errors.status("diagnosing"):
-        prepared = prepare(file, reading, segmentation).center([reference] if reference else [])
+        settings = attrs.asdict(reading) | attrs.asdict(segmentation)
+        prepared = prepare(file, **settings).center([reference] if reference else [])
         diagnosis = prepared.diagnose(reference)
         if isinstance(diagnosis, str):
             raise InputError(diagnosis)
-        recorded = prepare(
-            file, reading, attrs.evolve(segmentation, decimate=None), align_channels=False
-        ).diagnose()
+        recorded = prepare(file, **settings | {"decimate": None}, align_channels=False).diagnose()
         found = () if isinstance(recorded, str) else recorded.checks
         sensors = [each for each in found if each.name in SENSOR_CHECKS]
-        checks = {each.name: each for each in (*diagnosis.checks, *sensors, *prepared.corrected)}
+        corrected = [fault for fault, _ in prepared.corrections]
+        checks = {each.name: each for each in (*diagnosis.checks, *sensors, *corrected)}
         diagnosis = attrs.evolve(
             diagnosis, checks=tuple(checks[name] for name in FAULTS if name in checks)
         )

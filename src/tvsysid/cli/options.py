@@ -67,17 +67,18 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     from tvsysid.recordings.saved import saved_settings, settings_file
 
     typed = [Path(token.value) for name in FILES for token in tokens.get(name, ())]
-    paths = [path for path in map(settings_file, recordings_in(typed)) if path.is_file()]
+    found = {settings_file(file): saved_settings(file) for file in recordings_in(typed)}
+    paths = [path for path in found if found[path]]
     if paths:
-        saved = saved_settings(paths[0])
-        for path in paths[1:]:
-            if saved_settings(path) != saved:
+        saved = found[paths[0]]
+        for path in paths:
+            if found[path] != saved:
                 raise InputError(
                     f"{paths[0]} and {path} differ; identify these recordings one at a time"
                 )
         channels = named_channels(saved.get("channels", ()))
-        saved["channels"] = [f"{own}={name}" for own, name in channels.items()]
         options = {option_name(name): value for name, value in saved.items()}
+        options["channel"] = [f"{own}={name}" for own, name in channels.items()]
         use = Dict(options, source=str(paths[0]), use_commands_as_keys=False)
         use(app, commands, arguments)
         remark("note", f"settings of {paths[0]}; options override them")

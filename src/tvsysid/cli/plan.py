@@ -126,7 +126,7 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
     from tvsysid.quality import diagnose
 
     cutting = attrs.evolve(segmentation, period=segmentation.period or PERIOD_S)
-    prepared = prepare(file, reading, cutting)
+    prepared = prepare(file, **attrs.asdict(reading), **attrs.asdict(cutting))
     for note in prepared.notes:
         say(note)
     for found in diagnose(prepared.ensemble).findings:

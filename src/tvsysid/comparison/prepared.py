@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import attrs
 
@@ -16,6 +18,13 @@ from tvsysid.recordings import Reading, describe_file
 from tvsysid.signals import Ensemble, Recording
 
 MAX_TESTED_CHANNELS = 8
+
+
+class Correction(NamedTuple):
+    """A fault of a recording, and what was done about it."""
+
+    fault: Finding
+    action: str
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -32,12 +41,8 @@ class PreparedRecording:
         Ensemble to diagnose: ``ensemble``, or pieces of 2 s of a single realization.
     findings
         Results of the checks for gaps and mains hum, except for faults that were corrected.
-    corrected
-        Faults that were corrected.
     corrections
-        What was corrected, for the methods paragraph.
-    notes
-        The same, and a delay, with numbers and in sentences.
+        Faults that were found and corrected; of a delay, all of it, half or none.
     file, reading
         File, and how it was read. ``file`` is None for a recording that was not read here.
     """
@@ -46,36 +51,33 @@ class PreparedRecording:
     ensemble: Ensemble
     diagnosed: Ensemble
     findings: tuple[Finding, ...]
-    corrected: tuple[Finding, ...]
-    corrections: tuple[str, ...]
-    notes: tuple[str, ...]
+    corrections: tuple[Correction, ...]
     file: Path | None
     reading: Reading
+
+    @property
+    def notes(self) -> list[str]:
+        """The corrections as sentences, with numbers."""
+        return [f"{fault.what.partition(';')[0]}; {action}" for fault, action in self.corrections]
 
     def __repr__(self) -> str:
         return "\n".join([repr(self.ensemble), *self.notes])
 
     def center(self, channels: Iterable[str]) -> PreparedRecording:
         """Subtract the mean of these channels, if that of angle and torque is subtracted."""
-        names = [name for name in channels if name in self.recording.channels]
-        pieces = self.diagnosed is not self.ensemble
-
-        def centered(ensemble: Ensemble) -> Ensemble:
-            if not ensemble.mean_subtracted:
-                return ensemble
-            return attrs.evolve(ensemble, channels=subtract_mean(ensemble, names).channels)
-
-        if not names:
-            return self
-        ensemble = centered(self.ensemble)
-        diagnosed = centered(self.diagnosed) if pieces else ensemble
+        names = self.recording.channels.keys() & set(channels)
+        ensemble, diagnosed = (
+            attrs.evolve(each, channels=subtract_mean(each, names).channels)
+            if each.mean_subtracted
+            else each
+            for each in (self.ensemble, self.diagnosed)
+        )
         return attrs.evolve(self, ensemble=ensemble, diagnosed=diagnosed)
 
     def diagnose(self, reference: str | None = None) -> Diagnosis | str:
         """Diagnose the data as they are identified; return why not if they are too short."""
-        repeats = self.diagnosed is self.ensemble
         try:
-            found = diagnose(self.diagnosed, reference, repeats=repeats)
+            found = diagnose(self.diagnosed, reference, repeats=self.ensemble.mean_subtracted)
         except InputError as error:
             return str(error).removeprefix("diagnose: ")
         return attrs.evolve(found, checks=(*found.checks, *self.findings))
@@ -84,17 +86,15 @@ class PreparedRecording:
         """Yield a sentence for each channel of the file that drives the angle but was not read."""
         if self.file is None:
             return
-        channels, ensemble = describe_file(self.file), self.ensemble
-        names = self.reading.names
-        shape, named = channels[names["angle"]].shape, {*names.values()}
-        untested = [
-            name for name in channels if name not in named and channels[name].shape == shape
-        ]
-        for name in untested[:MAX_TESTED_CHANNELS]:
+        channels, read = describe_file(self.file), self.reading.names
+        shape, ensemble = channels[read["angle"]].shape, self.ensemble
+        names = (name for name, each in channels.items() if each.shape == shape)
+        others = (name for name in names if name not in read.values())
+        context = ensemble.context / ensemble.sampling_rate
+        for name in islice(others, MAX_TESTED_CHANNELS):
             with suppress(InputError):  # the channel holds no numbers
                 values = channels[name].read(name).ravel(order="F")
-                with_channel = attrs.evolve(self.recording, channels={name: values})
-                context = ensemble.context / ensemble.sampling_rate
-                segmented = subtract_mean(segment(with_channel, ensemble.duration, context), [name])
-                for sentence in find_unnamed_references(segmented, [name]):
+                recording = attrs.evolve(self.recording, channels={name: values})
+                cut = segment(recording, ensemble.duration, context)
+                for sentence in find_unnamed_references(subtract_mean(cut, [name]), [name]):
                     yield sentence.replace("--method", f"--channel {name}={name} --method")

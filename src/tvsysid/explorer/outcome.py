@@ -64,11 +64,6 @@ def _identify(
 def _prepare(settings: Settings, changed: int) -> tuple[PreparedRecording, tuple[str, ...]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DataQualityWarning)
-        prepared = prepare(
-            settings.source,
-            settings.reading,
-            settings.cutting,
-            align_channels=settings.align_channels,
-        )
+        prepared = prepare(settings.source, **settings.preparation)
     messages = (str(each.message) for each in caught)
     return prepared, tuple(dict.fromkeys((*prepared.notes, *messages)))

@@ -23,11 +23,10 @@ REQUIRED = {
 }
 TEXTS = ("angle", "torque", "angle_unit", "torque_unit", "columns")
 PYTHON = """import tvsysid as tv
-from tvsysid.recordings import Reading, Segmentation
 
-reading = {reading!r}
 prepared = tv.prepare(
-    {source}, reading, {cutting!r}, align_channels={align_channels}
+    {source},
+    {settings},
 )
 found = tv.compare(prepared, {methods!r})"""
 
@@ -46,6 +45,12 @@ class Settings:
     def methods(self) -> list[str]:
         """The methods to run; without any, ``adaptive`` and those that check it."""
         return [] if self.method == "adaptive" else [self.method]
+
+    @property
+    def preparation(self) -> dict[str, Any]:
+        """Settings of :func:`tvsysid.prepare`, by name."""
+        reading = attrs.asdict(self.reading) if isinstance(self.source, Path) else {}
+        return reading | attrs.asdict(self.cutting) | {"align_channels": self.align_channels}
 
     @property
     def command(self) -> str:
@@ -74,10 +79,8 @@ class Settings:
     def python(self) -> str:
         """Python code of the same analysis."""
         return PYTHON.format(
-            reading=self.reading,
             source=repr(str(self.source)) if isinstance(self.source, Path) else "recording",
-            cutting=self.cutting,
-            align_channels=self.align_channels,
+            settings=",\n    ".join(f"{name}={each!r}" for name, each in self.preparation.items()),
             methods=self.methods,
         )
 

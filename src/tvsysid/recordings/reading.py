@@ -6,7 +6,7 @@ The command line imports this module for its options, and must start quickly.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import attrs
 
@@ -139,3 +139,12 @@ class Segmentation:
     period: float | None = attrs.field(default=None, validator=optional(positive))
     decimate: float | None = attrs.field(default=None, validator=optional(positive))
     context: float = attrs.field(default=0.5, validator=not_negative)
+
+
+def split_settings(settings: Mapping[str, Any]) -> tuple[Reading, Segmentation]:
+    """Divide settings by name into those for reading a file and those for cutting it."""
+    cutting = attrs.fields_dict(Segmentation).keys() & settings
+    return (
+        Reading(**{name: settings[name] for name in settings if name not in cutting}),
+        Segmentation(**{name: settings[name] for name in cutting}),
+    )

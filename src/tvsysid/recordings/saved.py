@@ -27,7 +27,7 @@ def save_settings(file: Path, reading: Reading, segmentation: Segmentation) -> P
     ...     file = Path(folder, "ankle.mat")
     ...     reading = Reading(angle="angle", torque="torque")
     ...     path = save_settings(file, reading, Segmentation(period=2.0))
-    ...     saved_settings(path)["period"]
+    ...     saved_settings(file)["period"]
     2.0
     """
     import tomli_w  # noqa: PLC0415  # the command line must start quickly
@@ -41,15 +41,18 @@ def save_settings(file: Path, reading: Reading, segmentation: Segmentation) -> P
     return settings_file(file)
 
 
-def saved_settings(path: Path) -> dict[str, Any]:
-    """Return the settings in a file that :func:`save_settings` wrote, by name.
+def saved_settings(file: Path) -> dict[str, Any]:
+    """Return the settings that :func:`save_settings` wrote beside a recording, if any, by name.
 
     Raises
     ------
     InputError
-        If the file is no TOML.
+        If the file of settings is no TOML.
     """
+    path = settings_file(file)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
     except ValueError as error:
         raise InputError(f"{path}: {error}; correct it, or delete it") from error

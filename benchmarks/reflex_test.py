@@ -26,7 +26,7 @@ from scipy.signal import butter, lfilter
 
 import tvsysid as tv
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
-from tvsysid.quality.fit import lowered
+from tvsysid.quality.fit import at_diagnosis_rate
 
 RELEASE = tv.simulate.StretchReflex(direction=-1)
 
@@ -94,7 +94,7 @@ def main() -> None:
     wrong, started = 0, time.process_time()
     for case in CASES:
         tests = [
-            reflex_test_of(lowered(drawn(case, chosen.first + draw)))
+            reflex_test_of(at_diagnosis_rate(drawn(case, chosen.first + draw)))
             for draw in range(chosen.draws)
         ]
         shown = sum(test.shown and test.direction == case.direction for test in tests)
@@ -151,7 +151,9 @@ def print_real(console: Console, folder: Path) -> None:
         recording = tv.read_recording(
             folder / "tonic_ankle.mat", **names, sampling_rate=1000, torque_sign=-1
         )
-        console.print(f"{muscle}: {reflex_test_of(lowered(prepared(recording)))}", highlight=False)
+        console.print(
+            f"{muscle}: {reflex_test_of(at_diagnosis_rate(prepared(recording)))}", highlight=False
+        )
 
 
 if __name__ == "__main__":

@@ -172,7 +172,7 @@ def scores_of(told, scenarios, methods, metrics, spread, trials):
     return xr.Dataset(
         {
             "value": (dims, value),
-            "replicates": ((*dims, "draw"), replicates),
+            "replicates": ((*dims, "replicate"), replicates),
             "trials": (dims[:2], np.full(value.shape[:2], trials)),
         },
         coords={

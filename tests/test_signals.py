@@ -42,7 +42,7 @@ def test_a_recording_refuses_what_it_cannot_use(angle, change, message):
     [
         ({"angle": np.zeros(500)}, "angle: expected samples over realization and time, got an"),
         ({"context": 25}, "from 0 to 24"),
-        ({"onsets": [0.0, 1.0]}, "expected one for each of the 10 realizations"),
+        ({"onsets": [0.0, 1.0]}, "expected a value for each of the 10 realizations"),
         ({"recorded_angle": np.ones((10, 49, 2))}, "recorded_angle: expected the angle's shape"),
     ],
 )

@@ -46,8 +46,8 @@ class StandardError:
     freedom
         Degrees of freedom: one number, or one for each value.
     arc
-        Arc length of the normalised estimate over time, for simultaneous bands (see
-        :func:`tvsysid.numerics.bands.simultaneous_value`).
+        Sum of the angles whose cosines are the correlations of successive errors, for simultaneous
+        bands (:func:`tvsysid.numerics.bands.arc_length`).
     absent
         Reason why the standard error is unknown at all times. Empty if it is known.
     minimum
@@ -316,7 +316,7 @@ class Model:
     def limits(self, quantity: str) -> Array:
         """Return the limits of the 95 % band of an estimate over time, shape (2, time).
 
-        NaN where there is no band. The mean over realizations has no band.
+        NaN where there is no band. The mean over several realizations has no band.
         """
         estimate = self.estimates.get(quantity)
         size = len(self.time)

@@ -155,14 +155,14 @@ class Recording(Signals):
     channels
         Further signals by name, each of shape (time,).
     origin
-        Time in the original trial, in s, of what is now time 0. It is above 0 if the beginning of
-        the trial was removed.
+        Time 0 of this recording, in s on the time axis of the original trial. It is above 0 if the
+        beginning of the trial was removed.
     delay_removed
         Delay of the torque in s that :func:`tvsysid.preprocess.align_channels` corrected.
     recorded_angle
         Angle before :func:`tvsysid.preprocess.decimate` lowered its rate, in rad, shape (time,
-        sample). Row i holds the recorded samples from sample i of the angle to before sample
-        i + 1. Methods with a reflex rectify its velocity at this rate.
+        sample). Row i holds the recorded samples from sample i of the angle up to, but not
+        including, sample i + 1. Methods with a reflex rectify its velocity at this rate.
 
     Raises
     ------
@@ -223,7 +223,7 @@ def _check_count(ensemble: Ensemble, field: attrs.Attribute[Any], values: Array)
     check_finite(field.name, values, ("realization",))
     if len(values) != len(ensemble):
         raise InputError(
-            f"{field.name}: expected one for each of the {len(ensemble)} realizations, got "
+            f"{field.name}: expected a value for each of the {len(ensemble)} realizations, got "
             f"{len(values)}"
         )
 

@@ -157,7 +157,7 @@ def test_settings_that_cannot_be():
 
 def test_settings_are_chosen_by_what_the_reference_moves():
     ensemble = loop()
-    moved = BIRF._moved(ensemble, D)[0]
+    instrument = BIRF._instrument(ensemble, D)[0]
     chosen = BIRF.tuned(ensemble).method
     assert chosen.reference == D
-    assert attrs.evolve(chosen, reference=None) == tv.BasisIRF().tuned(moved).method
+    assert attrs.evolve(chosen, reference=None) == tv.BasisIRF().tuned(instrument).method

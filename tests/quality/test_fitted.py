@@ -9,7 +9,7 @@ from tests.conftest import realizations
 from tests.faults import cut, simulated
 
 import tvsysid as tv
-from tvsysid.quality.fit import FittedEnsemble, SecondOrderFit, lowered
+from tvsysid.quality.fit import FittedEnsemble, SecondOrderFit, at_diagnosis_rate
 from tvsysid.quality.statistics import SIGNIFICANT, is_mean_significant
 
 
@@ -23,7 +23,7 @@ def test_significance_is_that_of_students_t(seed, count, mean):
 @pytest.mark.parametrize("rate", [1000, 500])
 def test_a_high_rate_is_lowered_as_preprocessing_does(rate):
     recording = tv.preprocess.decimate(simulated(40.0), rate)
-    low = lowered(tv.preprocess.segment(recording, 2.0))
+    low = at_diagnosis_rate(tv.preprocess.segment(recording, 2.0))
     same = realizations(recording)
     np.testing.assert_allclose(low.torque[:, low.core], same.torque[:, same.core], atol=1e-9)
     np.testing.assert_array_equal(low.onsets, same.onsets)
@@ -37,7 +37,7 @@ def test_a_rate_that_does_not_divide_is_lowered_between_samples(samples, low):
         turns = np.outer([0.7, 1.3, 2.1, 3.8], np.arange(samples) / rate)
         return np.sin(2 * np.pi * turns), np.cos(2 * np.pi * turns)
 
-    lower = lowered(tv.Ensemble(*signals(samples, 1000), 1000.0))
+    lower = at_diagnosis_rate(tv.Ensemble(*signals(samples, 1000), 1000.0))
     assert lower.samples == low
     assert lower.duration == pytest.approx(samples / 1000)
     truth = np.stack(signals(low, lower.sampling_rate))

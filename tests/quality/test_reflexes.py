@@ -7,7 +7,7 @@ from tests.conftest import realizations
 from tests.reflexive import reflexive
 
 import tvsysid as tv
-from tvsysid.methods.cascade.reflex_test import changes, reflex_test_of
+from tvsysid.methods.cascade.reflex_test import is_time_varying, reflex_test_of
 
 
 def judged(ensemble):
@@ -63,7 +63,7 @@ def test_real_ankles_in_contraction_have_a_reflex(recordings, record, low, high,
 @pytest.mark.parametrize("stiffness", ["sine", "constant"])
 def test_a_joint_that_changes_is_told_from_one_that_does_not(gain, stiffness):
     ensemble = reflexive(40.0, stiffness=stiffness, gain=gain, perturbation="prbs", seed=1)[0]
-    assert changes(ensemble) == (stiffness == "sine")
+    assert is_time_varying(ensemble) == (stiffness == "sine")
 
 
 def test_a_reflex_is_found_under_slow_voluntary_torque():

@@ -9,7 +9,7 @@ from tests.conftest import realizations
 from tests.study.conftest import SMALL, Mine, same
 
 import tvsysid as tv
-from tvsysid.study import Study, plan, run
+from tvsysid.study import Study, estimate_duration, run
 from tvsysid.study.trials import draw
 from tvsysid.study.workers import in_processes
 
@@ -95,7 +95,7 @@ def test_an_executor_that_was_shut_down_gives_up_plainly():
 
 
 def test_a_plan_tells_number_and_time():
-    methods, identifications, seconds = plan(Study(**SHORT | {"duration_s": [40, 80]}))
+    methods, identifications, seconds = estimate_duration(Study(**SHORT | {"duration_s": [40, 80]}))
     assert (methods, identifications) == (["sds"], 6)
     assert 0 < seconds < 60
 

@@ -95,7 +95,9 @@ def test_draws_of_methods_are_paired_also_where_trials_failed(random):
     results = results_of([("square", "prbs", 150.0, 10.0)], ("sds", "esm"), 10)
     results["failure"][0, 2:, 1] = "x"
     scores = score(results).sel(method_key="esm")
-    drawn = np.random.default_rng(0).multinomial(10, np.full(10, 0.1), size=scores.sizes["draw"])
+    drawn = np.random.default_rng(0).multinomial(
+        10, np.full(10, 0.1), size=scores.sizes["replicate"]
+    )
     known = np.isfinite(scores.replicates.sel(metric="total_error").values[0])
     np.testing.assert_array_equal(known, drawn[:, :2].any(axis=1))
 

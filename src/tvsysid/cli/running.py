@@ -52,10 +52,10 @@ def show_plan(
 
     ``draws`` says what is drawn, ``prepared`` are the recordings of an experiment.
     """
-    from tvsysid.study import cores, plan
+    from tvsysid.study import cores, estimate_duration
 
     with errors.status("timing a draw of each case"):
-        methods, identifications, seconds = plan(study, prepared)
+        methods, identifications, seconds = estimate_duration(study, prepared)
     seconds /= workers.workers or cores()
     time = f"about {seconds / 60:,.0f} min" if seconds > 90 else f"about {seconds:.0f} s"
     say(

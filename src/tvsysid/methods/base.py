@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.methods.cascade.reflex_test import changes
+from tvsysid.methods.cascade.reflex_test import is_time_varying
 from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.signals import Ensemble, check_ensemble
@@ -23,7 +23,7 @@ from tvsysid.validators import one_of, with_settings
 if TYPE_CHECKING:
     from tvsysid.methods.tuning import Evidence
 
-ROUNDING = 1e-12  # share of the largest value
+ROUNDING = 1e-12  # share of the largest value with context, up to which a signal counts as 0
 Kind = Literal["input", "reference", "scheduling"]
 
 MIN_AGREEMENT_PERCENT = 95.0  # second-order agreement; simulated second-order joints have 99 %
@@ -91,7 +91,7 @@ class Method(ABC):
         The only perturbation and simulated joint that the method supports, by their names in a
         study. Empty if it supports all.
     can_be_tuned
-        Whether settings can be chosen from data. Each subclass gets it automatically.
+        Whether settings can be chosen from data. A subclass that can choose its settings sets it.
 
     Examples
     --------
@@ -128,7 +128,7 @@ class Method(ABC):
 
     @abstractmethod
     def fit(self, ensemble: Ensemble) -> Model:
-        """Return the model of an ensemble: read-only arrays, their mean over realizations is 0."""
+        """Return the model of an ensemble of read-only arrays with zero mean over realizations."""
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return the reason why the method cannot identify an ensemble, or None if it can."""
@@ -278,8 +278,8 @@ def check_window(what: str, samples: int, ensemble: Ensemble) -> None:
     if missing_edge(samples // 2, ensemble) * 2 >= ensemble.samples:
         raise InputError(
             f"{what} need {samples} samples, a realization has {ensemble.samples} with "
-            f"{ensemble.context} of context on either side; give shorter ones, or longer "
-            "realizations or context"
+            f"{ensemble.context} of context on either side; shorten the lags or the window, or "
+            "cut longer realizations or more context"
         )
 
 
@@ -305,7 +305,7 @@ def _violated_assumptions(method: Method, ensemble: Ensemble, model: Model) -> I
             "no meaning; look at the impulse response (eirf, sds; in models.nc, in Python "
             "model.impulse_response)"
         )
-    if method.time_invariant and changes(ensemble):
+    if method.time_invariant and is_time_varying(ensemble):
         yield (
             "stiffness or viscosity change over a realization (p < 0.0001), but this method "
             "assumes a constant joint and estimates a mean; use a method that follows changes"

@@ -113,15 +113,15 @@ class BasisIRF(shared.ReferenceMethod):
                 "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"
             )
 
-    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> Model:
+    def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> Model:
         rate = ensemble.sampling_rate
-        signals = self._signals(moved)
+        signals = self._signals(instrument)
         columns = self._columns(signals, self.basis, ensemble)
         posterior = self._posterior(signals, columns, ensemble)
         if self.reference is not None:
             missing = base.missing_edge(shared.HALF_WIDTH, ensemble)
             at = slice(missing, ensemble.samples - missing)
-            z, x = (each.derivatives()[:, :, at] for each in (moved, ensemble))
+            z, x = (each.derivatives()[:, :, at] for each in (instrument, ensemble))
             torque = ensemble.torque[:, ensemble.core][:, at]
 
             def residual(mean: Array) -> float:
@@ -144,12 +144,12 @@ class BasisIRF(shared.ReferenceMethod):
         details = {
             "noise_variance": posterior.noise_variance,
             "log_evidence": posterior.log_evidence,
-            "second_order_agreement": shared.residual_agreement(moved, left, first),
+            "second_order_agreement": shared.residual_agreement(instrument, left, first),
         }
         diagnostics = Diagnostics(posterior.effective, details=details)
         if self.model == "irf":
             left = shared.residual(ensemble, weights)
-        errors = partial(self._errors, posterior, columns, readout, left, moved)
+        errors = partial(self._errors, posterior, columns, readout, left, instrument)
         if self.model == "irf":
             return shared.impulse_response_model(ensemble, weights, impedance, diagnostics, errors)
         names = (
@@ -217,21 +217,21 @@ class BasisIRF(shared.ReferenceMethod):
         columns: Columns,
         readout: Array,
         left: Array,
-        moved: Ensemble,
+        instrument: Ensemble,
     ) -> dict[str, shared.StandardError]:
         """Return the standard errors from the posterior and the colour of what is ``left``."""
         effective = posterior.effective
-        filters = shared.derivative_filters(shared.HALF_WIDTH, moved.sampling_rate)
-        _, factors = shared.noise_colour(moved, left, effective / left.size, filters)
+        filters = shared.derivative_filters(shared.HALF_WIDTH, instrument.sampling_rate)
+        _, factors = shared.noise_colour(instrument, left, effective / left.size, filters)
         # The posterior counts all samples; where their mean was subtracted, there is less noise in
         # them.
-        freedom = left.size * shared.independent_realizations(moved) / len(moved) - effective
+        freedom = left.size * shared.independent_realizations(instrument) / len(left) - effective
         stronger = (left.size - effective) / max(freedom, 1.0)
         return shared.posterior_errors(
             columns.factors * readout[:, None, columns.signal],
             posterior.covariance,
             freedom,
-            moved.samples,
+            instrument.samples,
             stronger * factors,
         )
 

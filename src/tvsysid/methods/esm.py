@@ -94,7 +94,7 @@ class EnsembleSpectral(shared.ReferenceMethod):
         if self.reference is not None and self.stiffness != "fit":
             raise InputError("EnsembleSpectral: with a reference, stiffness must be 'fit'")
 
-    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> FrequencyResponseModel:
+    def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> FrequencyResponseModel:
         length, rate = whole_samples(self.window, ensemble), ensemble.sampling_rate
         if length < 4:
             raise InputError(
@@ -107,13 +107,13 @@ class EnsembleSpectral(shared.ReferenceMethod):
         within = slice(
             ensemble.core.start + missing[0] - before, ensemble.core.stop - missing[1] + after
         )
-        angle, torque = moved.angle[:, within], moved.torque[:, within]
+        angle, torque = instrument.angle[:, within], instrument.torque[:, within]
         spectra = short_time_spectra(angle, torque, length)
         response = spectra.yu / np.maximum(spectra.uu, TINY)
-        fit = SegmentFit.of(moved, hann(length) ** 2, within)
+        fit = SegmentFit.of(instrument, hann(length) ** 2, within)
         over_time = padded(fit.impedance, *missing)
         left, first = shared.second_order_residual(ensemble, over_time)
-        details = {"second_order_agreement": shared.residual_agreement(moved, left, first)}
+        details = {"second_order_agreement": shared.residual_agreement(instrument, left, first)}
         independent, warned = shared.independent_realizations(ensemble), ""
         at_rest = response[:, 0].real
         impedance = over_time.copy()
@@ -122,8 +122,10 @@ class EnsembleSpectral(shared.ReferenceMethod):
             impedance[:, 0] = padded(at_rest, *missing)
 
         def errors() -> dict[str, StandardError]:
-            variances, freedom = fit.variances(moved, left), np.full(3, fit.freedom)
-            variances *= shared.noise_ratio(left, shared.second_order_residual(moved, over_time)[0])
+            variances, freedom = fit.variances(instrument, left), np.full(3, fit.freedom)
+            variances *= shared.noise_ratio(
+                left, shared.second_order_residual(instrument, over_time)[0]
+            )
             absent = ""
             if self.stiffness == "dc":
                 variances[:, 0] = variance_at_rest(angle, torque, at_rest, independent)

@@ -13,7 +13,7 @@ from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.signals import Ensemble
 from tvsysid.validators import not_negative, optional, positive, text
 
-# Independent samples that a band needs. With fewer, 95 % bands covered the truth in 78 to 90 %.
+# Independent samples that a band needs. With fewer, only 78 to 90 % of 95 % bands held the truth.
 MIN_SAMPLES_PER_LAG = 3
 
 
@@ -37,8 +37,8 @@ class ShortDataSegments(shared.ReferenceMethod):
         over the window: the rise from 10 to 90 % takes 80 % of it. 0 fits each time
         separately.
     reference
-        Channel that moves the joint from outside, for a joint in closed loop. The angle that it
-        predicts takes the place of the angle (:mod:`tvsysid.methods.shared.instrument`).
+        Channel that moves the joint from outside, for a joint in closed loop. The angle that is
+        predicted from it is the instrument (:mod:`tvsysid.methods.shared.instrument`).
 
     Notes
     -----
@@ -70,7 +70,7 @@ class ShortDataSegments(shared.ReferenceMethod):
     )
     cites = ("ludvig2012", "vanderuit2021")
 
-    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> ImpulseResponseModel:
+    def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> ImpulseResponseModel:
         lags = fitting_lags("ShortDataSegments", self.max_lag, ensemble)
         half = whole_samples(self.window / 2, ensemble)
         if 2 * half + 1 > ensemble.samples:
@@ -78,9 +78,9 @@ class ShortDataSegments(shared.ReferenceMethod):
                 f"ShortDataSegments: a window of {self.window:g} s ({2 * half + 1} samples) is "
                 f"longer than a realization of {ensemble.samples} samples; give a shorter one"
             )
-        windows = shared.solve_windows(moved, lags, half)
+        windows = shared.solve_windows(instrument, lags, half)
         needed = MIN_SAMPLES_PER_LAG * (2 * lags + 1)
-        return shared.window_model(ensemble, moved, windows, half, needed)
+        return shared.window_model(ensemble, instrument, windows, half, needed)
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1

@@ -165,7 +165,7 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     """
     # Columns are scaled to unit norm, and the prior is added to the diagonal.
     scale = 1 / np.sqrt(_powers(moments.gram))
-    for jitter in (0.0, JITTER):  # with which columns may be numerically collinear
+    for jitter in (0.0, JITTER):  # the second allows numerically collinear columns
         system = np.multiply(moments.gram, scale, order="F")
         system *= scale[:, None]
         diagonal = system.ravel(order="F")[:: len(system) + 1]
@@ -216,7 +216,7 @@ def by_instruments(
     residual: Callable[[Array], float],
     number: float,
 ) -> FittedWeights:
-    r"""Return the weights of columns X that contain noise, by instruments Z without noise.
+    r"""Correct a regression on instruments Z to weights of the columns X, which contain noise.
 
     The ``fit`` is the regression of y on Z. It has the posterior mean m and covariance C for a
     noise variance s. The weights follow from them for any prior P:
@@ -309,7 +309,7 @@ def relevance(moments: Moments) -> FittedWeights:
         effective = float(determined.sum())
         noise = max(found.residual, SMALLEST_RESIDUAL * square) / max(number - effective, 1.0)
         precision = determined / np.maximum(found.mean**2, TINY)
-        # A prior this much narrower than the noise of the weight fixes the weight at zero.
+        # A prior 100 times narrower than the weight's standard error fixes the weight at zero.
         kept = precision < 1e4 * powers[active] / noise
         if abs(evidence - before) <= TOLERANCE * number or not kept.any():
             break

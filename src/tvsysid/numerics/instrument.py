@@ -25,7 +25,7 @@ FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
 MIN_VARIANCE = 1e-3  # of that prior's variance, however long the lag
 BLOCKS = 5  # groups of realizations, each predicted from the others
 # share of the angle that a reference predicts below which short windows cannot use it
-HARDLY_MOVED = 0.1
+MIN_PREDICTED = 0.1
 
 
 def lag_samples(rate: float) -> tuple[int, int]:

@@ -166,7 +166,7 @@ class FittedEnsemble:
     def of(cls, ensemble: Ensemble) -> FittedEnsemble:
         """Lower the ensemble's rate to some 100 Hz. Raise InputError if it cannot be fitted."""
         check_ensemble("diagnose", ensemble)
-        data = cls(ensemble, lowered(ensemble))
+        data = cls(ensemble, at_diagnosis_rate(ensemble))
         known = data.region.stop - data.region.start
         if len(ensemble) < 2 or known < MIN_KNOWN_SAMPLES:
             raise InputError(
@@ -281,7 +281,7 @@ def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
     return values, np.sqrt(np.sum(influence**2, axis=0) * count / (count - 1))
 
 
-def lowered(ensemble: Ensemble) -> Ensemble:
+def at_diagnosis_rate(ensemble: Ensemble) -> Ensemble:
     """Return an ensemble at some 100 Hz, with a whole number of samples per realization.
 
     The signals pass the low-pass of :func:`tvsysid.preprocess.decimate`, a windowed sinc, which

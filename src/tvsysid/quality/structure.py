@@ -7,7 +7,7 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
-from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
+from tvsysid.numerics.instrument import MIN_PREDICTED, lag_samples, predicted, realization_groups
 from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fit import FittedEnsemble
 from tvsysid.quality.statistics import (
@@ -53,7 +53,7 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     if not declared:
         _require_leading(data, reference)
     moved, explained = _moved_angle(data, reference)
-    if not explained >= HARDLY_MOVED:
+    if not explained >= MIN_PREDICTED:
         raise NotApplicable(
             f"the disturbance {reference!r} hardly moves the angle: it predicts "
             f"{_percent(explained)} of it"

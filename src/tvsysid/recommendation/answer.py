@@ -296,8 +296,9 @@ def judge_trust(
 def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str]:
     """Return at most one fault that makes every method wrong: the one that explains the others.
 
-    Angles in degrees that are read as radians make a joint 57 times too soft. Swapped channels, or
-    another signal in place of the torque, make it much softer.
+    Angles in degrees that are read as radians make a joint 57 times too soft: stiffness is
+    plausible after this correction. Swapped channels, or another signal in place of the torque,
+    make the joint much softer.
     """
     invalid = _of_severity(faults, "invalid")
     if [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]:
@@ -351,5 +352,5 @@ def has_one_pathway(method: Method, model: Model) -> bool:
 
 
 def is_reflex_detected(model: Model) -> bool:
-    """Return whether the data support the reflex pathway of a model."""
+    """Return whether the data support the reflex pathway of a model; True if it is not tested."""
     return bool(model.diagnostics.details.get("reflex_detected", True))

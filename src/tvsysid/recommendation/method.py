@@ -17,7 +17,7 @@ from tvsysid.methods.base import Method, reason_to_skip
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import FAULTS, Diagnosis, diagnose, find_reference
-from tvsysid.quality.fit import lowered
+from tvsysid.quality.fit import at_diagnosis_rate
 from tvsysid.signals import Ensemble, check_ensemble
 
 BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # slow and fast noise are compared
@@ -249,7 +249,7 @@ def recommend(
         except InputError as error:  # a single realization, or too short
             diagnosis = str(error).removeprefix("diagnose: ")
         if isinstance(diagnosis, Diagnosis) and scheduling is None:
-            measured = measure(measured, lowered(ensemble), diagnosis)
+            measured = measure(measured, at_diagnosis_rate(ensemble), diagnosis)
             others = ensemble.channels.keys() - {reference}
             unnamed = tuple(find_unnamed_references(ensemble, others))
     rule = next(rule for rule in RULES if rule.holds(measured))

@@ -219,8 +219,8 @@ def simulation_evidence(scores: xr.Dataset) -> Evidence:
     is_papers = (study["rate"], study["period"]) == (RATE, PERIOD)
     has_limits = scores.trials.max() >= MIN_TRIALS
     replicates = scores.replicates.fillna(scores.value).where(has_limits)
-    samples = xr.concat([scores.value, replicates], "draw")
-    samples = samples.stack(key=("metric", "method_key", "scenario")).transpose("key", "draw")
+    samples = xr.concat([scores.value, replicates], "replicate")
+    samples = samples.stack(key=("metric", "method_key", "scenario")).transpose("key", "replicate")
     samples = samples[samples.asked.values & is_papers]
     values = dict(zip(samples.key.values, samples.values, strict=True))
     return Evidence(values, scores.unit.to_series().to_dict(), replicate_interval)

@@ -3,7 +3,7 @@
 from tvsysid.study.bootstraps import Prepared, prepared_recordings
 from tvsysid.study.dataset import read_results
 from tvsysid.study.experiment import Experiment, Recorded
-from tvsysid.study.run import plan, run
+from tvsysid.study.run import estimate_duration, run
 from tvsysid.study.scenarios import Study
 from tvsysid.study.scores import exclusions, score, stiffness_over_time, summarize
 from tvsysid.study.workers import cores
@@ -14,8 +14,8 @@ __all__ = [
     "Recorded",
     "Study",
     "cores",
+    "estimate_duration",
     "exclusions",
-    "plan",
     "prepared_recordings",
     "read_results",
     "run",

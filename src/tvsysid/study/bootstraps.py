@@ -38,7 +38,7 @@ COUNTED = {
     "excluded_task": "task component",
     "excluded_residual": "residual",
 }
-"""Steps that exclude realizations, or none, by the variable that counts them."""
+"""Step that excluded the realizations that a variable counts; empty for those that were kept."""
 
 RECORDED_OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
 
@@ -103,9 +103,9 @@ def _prepare(experiment: Experiment, recorded: Recorded) -> Prepared:
             if isinstance(source := recorded.source, int):
                 perturbation = PERTURBATIONS[recorded.perturbation]
                 simulation = Participant(source).simulate(perturbation=perturbation)
-            else:  # nothing is known of a person
+            else:  # the truth of a person is unknown
                 simulation = Simulation(_read(experiment, source), truth={}, pathways={})
-            prepared = _of_simulation(experiment, recorded, simulation)
+            prepared = _prepare_recording(experiment, recorded, simulation)
         except InputError as error:
             prepared = Prepared(recorded=recorded, failure=str(error))
     texts = *(str(each.message) for each in caught), prepared.failure
@@ -136,12 +136,15 @@ def _read(experiment: Experiment, patterns: Iterable[str]) -> Recording:
     return trials.recording
 
 
-def _of_simulation(experiment: Experiment, recorded: Recorded, simulation: Simulation) -> Prepared:
-    """Return the kept realizations, and apart from them what is known of the joint."""
+def _prepare_recording(
+    experiment: Experiment, recorded: Recorded, simulation: Simulation
+) -> Prepared:
+    """Prepare a recording for all analyses. The truth of a simulation goes to ``over_time``."""
     recording, settings = simulation.recording, experiment.preparation
     needed = centered_channels([each.method for each in experiment.analyses])
     centered = [name for name in needed if name in recording.channels]
     preparation = prepare(recording, **settings, channels=centered)
+    # The ensemble after the last step, or the recorded one if there was no step
     *_, kept = preparation.recorded, *(step.ensemble for step in preparation.steps.values())
     means = {"mean_torque": "torque", "target_torque": settings["reference"]}
     over_time = {
@@ -165,7 +168,7 @@ def draw(prepared: Prepared, analysis: Analysis, seed: int, number: int) -> tupl
     if ensemble is None:
         raise InputError(prepared.failure)
     count = len(ensemble)
-    # A draw follows from the seed after all draws before it.
+    # All draws come from one random sequence, so the draws before this one are made, too.
     weights = bootstrap_weights(count, analysis.realizations, number + 1, seed, is_block)
     drawn = ensemble.select(np.repeat(np.arange(count), weights[number]))
     return drawn, Truth(drawn.torque[:, drawn.core])

@@ -57,7 +57,7 @@ def dataset_of(
         for column, method in enumerate(task.methods)
     }
     axes = {axis: coordinates[axis][1] for axis in [*coordinates][:3]}
-    results = labelled([cells.get(place, {}) for place in itertools.product(*axes.values())], axes)
+    results = labelled([cells.get(cell, {}) for cell in itertools.product(*axes.values())], axes)
     if "unit" not in results:
         texts = *results.failure.values.flat, *results.get("warnings", results.failure).values.flat
         raise InputError(f"run: no method gave a result; the first: {next(filter(None, texts))}")
@@ -72,27 +72,28 @@ def dataset_of(
 
 
 def labelled(parts: Sequence[Scores], axes: Mapping[str, Sized]) -> xr.Dataset:
-    """Return scores in each place along these axes, and further over time, as a dataset.
+    """Return a dataset of the scores of each combination along the axes, which ``parts`` holds.
 
-    ``"estimate quantity stiffness"`` becomes the variable estimate at stiffness along quantity.
+    Arrays of a part lie over time. ``"estimate quantity stiffness"`` becomes the variable estimate
+    at stiffness along quantity.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
     variables = {}
-    places: dict[str, dict[str, Scores]] = {"quantity": {name: {} for name in IMPEDANCE}}
+    further: dict[str, dict[str, Scores]] = {"quantity": {name: {} for name in IMPEDANCE}}
     for name, values in stack(parts, *map(len, axes.values())).items():
-        variable, *place = name.split(" ", 2)
-        if place:
-            axis, label = place
-            places.setdefault(axis, {}).setdefault(label, {})[variable] = values
+        variable, *rest = name.split(" ", 2)
+        if rest:
+            axis, label = rest
+            further.setdefault(axis, {}).setdefault(label, {})[variable] = values
         else:
             variables[variable] = [*axes, "time"][: values.ndim], values
-    for axis, labels in places.items():
+    for axis, labels in further.items():
         for variable, values in stack([*labels.values()]).items():
             variables[variable] = [axis, *axes, "time"][: values.ndim], values
-    coordinates = {axis: [*labels] for axis, labels in places.items()}
+    coordinates = {axis: [*labels] for axis, labels in further.items()}
     return xr.Dataset(variables, coordinates).transpose(
-        *axes, *places, "time", missing_dims="ignore"
+        *axes, *further, "time", missing_dims="ignore"
     )
 
 

@@ -126,7 +126,7 @@ class Experiment(StudySettings):
         :func:`tvsysid.read_recording`. ``channels`` maps the names that methods use to those in the
         files (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
-        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. Of files, the
+        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. For files, the
         default rate is the nearest to 128 Hz that divides theirs and fits the period, and nothing
         is aligned unless ``reference``, or a channel ``"target"`` in ``reading``, names the torque
         to be followed. In a TOML file, ``false`` stands for None.
@@ -138,8 +138,8 @@ class Experiment(StudySettings):
         ``"mymodule:MyMethod"``, or methods. A method whose attribute ``contiguous`` is true, such
         as kbr, gets draws in one block.
     realizations
-        How many are drawn, of all methods; by default 75 and 150, and 20 and 40 in one block, as in
-        the paper.
+        Numbers of realizations in a draw, for all methods. By default 75 and 150, and 20 and 40 for
+        methods with draws in one block, as in the paper.
     max_realizations
         Maximum of ``realizations``, by default the smallest number that a recording has. Larger
         numbers are left out. If all are larger, this one is used.

@@ -134,12 +134,12 @@ def _work(
     return bootstraps.tasks_of(study, prepared), partial(bootstraps.results_of, study, prepared)
 
 
-def plan(
+def estimate_duration(
     study: Study | Experiment, prepared: Sequence[Prepared] = ()
 ) -> tuple[list[str], int, float]:
-    """Return the methods, the number of draws times methods, and the seconds that these take.
+    """Return the methods, the number of identifications, and the seconds that a study takes.
 
-    The seconds are those of one process, from one draw of each case and its methods.
+    The seconds are those of one process. They are extrapolated from one draw of each case.
     """
     tasks, _ = _work(study, prepared)
     first = {(task.case, *task.methods): attrs.evolve(task, draws=task.draws[:1]) for task in tasks}

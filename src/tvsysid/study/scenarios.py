@@ -33,7 +33,7 @@ from tvsysid.validators import (
 )
 
 Viscosity = Literal["constant", "covarying"]
-"""The system's own (2.2 N·m·s/rad), or between 1 and 3 N·m·s/rad with the stiffness."""
+"""The system's own (2.2 N·m·s/rad), or rising with the stiffness from 1 to 3 N·m·s/rad."""
 PERIOD, RATE = 2.0, 100.0  # s of a realization, and Hz after decimation, as in the paper
 PARTS: dict[str, Callable[[Any], Any]] = {
     "stiffness": partial(resolve, known=PROFILES, kind="profile"),

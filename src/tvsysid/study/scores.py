@@ -60,11 +60,11 @@ NAMES = {"profile": "stiffness", "method_key": "method", "time": "time_s"}
 
 
 def score(results: xr.Dataset) -> xr.Dataset:
-    """Return every metric of every case and method; of trials, with bootstrap replicates.
+    """Return every metric of every case and method. Trials also give bootstrap replicates.
 
-    A replicate is the metric of trials drawn with replacement. The same draws serve all methods and
-    scenarios, so that the uncertainty of a difference between methods, which see the same data, is
-    that of the difference of their replicates. Bootstraps of a recording have no replicates.
+    A replicate is the metric of trials drawn with replacement. All methods and scenarios share the
+    drawn trials, so that the uncertainty of a difference between methods, which see the same data,
+    is that of the difference of their replicates. Bootstraps of a recording have no replicates.
 
     The results are those of :func:`tvsysid.study.run`. Draws in which a method failed are left out
     for that method, and counted.
@@ -73,10 +73,11 @@ def score(results: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         ``value`` and ``standard_error`` over (scenario, method_key, metric), ``replicates`` over
-        (scenario, method_key, metric, draw), and ``trials`` that count over (scenario, method_key).
-        Metrics of other quantities than the stiffness have their quantity before their name
-        (``"viscosity bias_error"``); ``unit`` lies along ``metric``. Of an experiment ``value``
-        over (recording, analysis, metric) and ``bootstraps`` that count.
+        (scenario, method_key, metric, replicate), and the number of ``trials`` that did not fail
+        over (scenario, method_key). Metrics of other quantities than the stiffness have their
+        quantity before their name (``"viscosity bias_error"``); ``unit`` lies along ``metric``. An
+        experiment has ``value`` over (recording, analysis, metric), and the number of
+        ``bootstraps`` that did not fail.
 
         ``mean`` is that over time and trials. ``vaf`` and ``bandpassed_vaf`` are
         means over trials, ``lowest_vaf`` is that of the worst trial, ``lowest_time_varying_vaf``
@@ -121,16 +122,16 @@ def score(results: xr.Dataset) -> xr.Dataset:
     failed = scores.value.sel(metric="failed", drop=True)
     scores[f"{draw}s"] = (count - failed).fillna(0).astype(int)
     if draw == "trial":
-        scores["replicates"] = (*dims, "draw"), samples[..., 1:]
-        scores["standard_error"] = scores.replicates.std("draw").where(scores.trials > 1)
+        scores["replicates"] = (*dims, "replicate"), samples[..., 1:]
+        scores["standard_error"] = scores.replicates.std("replicate").where(scores.trials > 1)
     return scores
 
 
 def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
     """Return the metrics of a method in its draws of a case; NaN if the study does not ask for it.
 
-    Weights of the draws, shape (replicate, draw), give a replicate each. The first ones are equal:
-    they give the metrics themselves.
+    Each row of ``weights`` (replicate, draw) gives a replicate. The first row weighs all draws
+    equally, and gives the metric itself.
     """
     found: Scores = dict.fromkeys(METRICS, np.full(len(weights), np.nan))
     if not draws.coords.get("asked", True):

@@ -23,8 +23,8 @@ from tvsysid.signals import Ensemble
 
 MIN_REALIZATIONS = 4
 MAX_LOST = 0.01  # share of the torque that a negative viscosity may explain
-MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # at which a realization has derivatives
-MAX_TURNS = 3  # in which stiffness and viscosity are estimated, each beside the other
+MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # of a realization, without ends that lack derivatives
+MAX_TURNS = 3  # estimates of stiffness, each followed by one of viscosity
 
 Hypotheses = Mapping[str, Sequence[Hypothesis]]  # by quantity
 
@@ -47,7 +47,8 @@ class AdaptiveRegression(base.Method):
     Parameters
     ----------
     emg
-        Channel that drives the reflex in the velocity's place, as in :class:`tvsysid.JointCascade`.
+        Channel of EMG that drives the reflex instead of the velocity, as in
+        :class:`tvsysid.JointCascade`.
 
     Notes
     -----
@@ -60,16 +61,15 @@ class AdaptiveRegression(base.Method):
     over realizations r. The inverse of the matrix on the left is the covariance of z. W is
     estimated from the residual of a first fit: an autoregressive model, whose order the Bayesian
     information criterion selects, and the variance of its prediction error over time. At least 1 %
-    of the noise variance is assumed white. Where the residual's products with velocity vary more
-    than 1.5 times as much as W predicts, the residual is misfit, not noise, and whitening would
-    amplify it. White noise of 30 times the noise power is then added before W is computed. The
-    covariance of z is then a sandwich estimator, scaled to explain the residual of the most
-    probable smooth part.
+    of the noise variance is assumed white. If the residual's products with velocity vary more than
+    1.5 times as much as W predicts, the residual is misfit, not noise. Whitening would amplify it.
+    White noise of 30 times the noise power is then added before W is computed. The covariance of z
+    is then a sandwich estimator, scaled to explain the residual of the most probable smooth part.
 
     Viscosity and inertia come from the same regression, restricted to frequencies below 60 % of the
     Nyquist frequency. Above it, the aliased acceleration of a decimated angle would make the
-    inertia 3 % too large. The error of z also includes the misfit of the second-order model that
-    all realizations share.
+    inertia 3 % too large. The covariance of z also includes the part of the second-order model's
+    misfit that is the same in all realizations.
 
     All further steps use the free estimate and small matrices. With G the products of switches with
     each other, g those with the free estimate, both after the smooth part is regressed out, and
@@ -82,14 +82,14 @@ class AdaptiveRegression(base.Method):
     in the record, stiffness is periodic: the end of a realization continues at its beginning. Steps
     are smeared by the low-pass filter of a decimation. If there are steps, two other models are
     tried: no low-pass filter, and realizations that switch at different times. The better of them
-    is averaged with the first, unless the data exclude it.
+    is averaged with the usual filter, unless the data exclude it.
 
     Viscosity, reflex gain and their bands are limited to 0 or more. A warning says so if negative
     values would explain 1 % more of the torque. Stiffness is estimated beside the viscosity without
     this limit.
 
-    The bands are quantiles of the mixture of all plausible models, with the degrees of freedom of
-    Student's t that the estimate of the noise has. Near a switch whose time is undecided, the
+    The bands are quantiles of the mixture of all plausible models. Its components are Student's t,
+    with the degrees of freedom of the noise estimate. Near a switch whose time is undecided, the
     estimate lies between the levels, which has the least mean square error, and the band spans
     both. Bands cover noise only; see :class:`tvsysid.Estimate`.
 
@@ -126,7 +126,7 @@ class AdaptiveRegression(base.Method):
         "The movement is the same in all realizations, of which there are at least four.",
         "The joint is of second order (inertia, viscosity, stiffness); its inertia is constant.",
         "Stiffness and viscosity are smooth except for a few switches. How smooth is found from "
-        "the data; birf is more exact where the functions of time are known.",
+        "the data; birf is more exact where the right basis functions are known.",
         "Noise of the torque does not move the angle (no closed loop).",
     )
     differs = (
@@ -224,8 +224,8 @@ def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage])
     times = free.axis.times
     rate = ensemble.sampling_rate
     reflex = signals.reflex
-    # Degrees of freedom: the strength of the noise is estimated from the samples it is pooled over,
-    # less two for viscosity and inertia.
+    # Degrees of freedom: the samples over which the noise variance is pooled, less two for
+    # viscosity and inertia.
     pooled = min(2 * pooling_reach(signals.independent, rate) + 1, times)
     freedom = (signals.independent - 1.0) * pooled - 2
     estimates = {} if reflex is None else dict(reflex.estimates)
@@ -240,6 +240,7 @@ def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage])
         details[f"constant_{quantity}"] = posterior.probability(CurveModel.is_constant)
         details[f"smooth_{quantity}"] = posterior.probability(CurveModel.is_smooth)
     if reflex is None:
+        # The constants are the coefficients of the signals from V on.
         inertia = free.constants[A - V], np.sqrt(free.covariance[A - V, A - V])
         values, errors = base.padded(np.full((times, 2), inertia), *signals.edges).T
         total_freedom = (signals.independent - 1.0) * times - 2  # for a constant
@@ -289,6 +290,6 @@ def warnings_of(free: FreeRegression, found: Mapping[str, ModelAverage]) -> Iter
         return
     viscosity = found["viscosity"].mixture
     upper = viscosity.mean() + 1.96 * np.sqrt(viscosity.variance())
-    negative = np.minimum(upper, 0.0)  # where even the upper limit is
+    negative = np.minimum(upper, 0.0)  # 0 where it is above 0
     lost = np.sum(free.products[:, V, V] * negative**2)
     yield from limit_warnings(bool(lost > MAX_LOST * np.sum(free.products[:, -1, -1])))

@@ -113,8 +113,8 @@ def components(model: CurveModel, weight: float, best: CurvePosterior) -> Array:
     """Return means and variances of equally probable components, shape (2, time, component).
 
     Components differ in the position of the switch that is nearest to a time. The other switches
-    are at their most probable positions, where ``best`` has all of them. The number of components
-    grows with the ``weight`` of the model.
+    are at their most probable positions. ``best`` is the posterior with all switches there. The
+    number of components grows with the ``weight`` of the model.
     """
     axis = model.smooth.estimate.axis
     own = model.positions

@@ -47,16 +47,16 @@ WAVE_ODDS = 1 / 20  # prior odds that a cosine or a sine is in the sum
 class Steps(NamedTuple):
     """Unit steps at ``positions``, and what is left of them beside a smooth part.
 
-    ``columns`` (time, step) are the steps as they are recorded, whitened by the noise. ``features``
-    (feature, step) are their products with the features of the smooth part, ``explained``
-    (coefficient, step) those with its standardized features. What is left of the
+    ``columns`` (time, step) are the steps as they are recorded, whitened by the noise.
+    ``feature_products`` (feature, step) are their products with the features of the smooth part,
+    ``explained`` (coefficient, step) those with its standardized features. What is left of the
     steps has the products columnsᵀ columns - explainedᵀ explained. ``power`` (step,) are the
     squares of what is left, and ``cross`` (step,) its products with the estimate.
     """
 
     positions: Array
     columns: Array
-    features: Array
+    feature_products: Array
     explained: Array
     power: Array
     cross: Array
@@ -121,9 +121,9 @@ class FreeEstimate:
 
     @cached_property
     def window(self) -> Callable[[int, float, float], Steps]:
-        """Function that returns the steps with a spacing up to a reach about a sample.
+        """Function that returns steps on a grid around a sample, of a given spacing and reach.
 
-        Its cache ends with the estimate.
+        Its cache lives as long as the estimate.
         """
 
         @cache
@@ -170,7 +170,7 @@ class SmoothFit:
 
     def beside(self, steps: Steps) -> Steps:
         """Return steps with what is left of them beside the smooth part."""
-        explained = self.standardized(steps.features)
+        explained = self.standardized(steps.feature_products)
         return steps._replace(
             explained=explained,
             power=steps.power - np.sum(explained**2, axis=0),
@@ -227,9 +227,10 @@ def switch_evidence(
     .. math:: \log p = \tfrac12 \left(g^T A^{-1} g - \log|A| - n \log \tau^2\right), \qquad
               A = G + \tau^{-2} 1
 
-    On a periodic axis, three priors of balanced sizes follow, which add up to zero. For them, p is
-    multiplied by the density of the sum at zero, posterior over prior. Both are normal, with means
-    :math:`1^T A^{-1} g` and 0, and variances :math:`1^T A^{-1} 1` and :math:`n \tau^2`.
+    On a periodic axis, three more rows follow, for priors of sizes that add up to zero (balanced).
+    For them, p is multiplied by the density of the sum at zero, posterior over prior. Both are
+    normal, with means :math:`1^T A^{-1} g` and 0, and variances :math:`1^T A^{-1} 1` and
+    :math:`n \tau^2`.
 
     Parameters
     ----------
@@ -237,10 +238,10 @@ def switch_evidence(
         Products of the switches with each other (set, switch, switch), and with the estimate (set,
         switch).
     further
-        Candidates for one more switch. The result then has a column for each of them, beside a
-        single given set. Their products with that set (switch, candidate), their squares
-        (candidate,), and their products with the estimate (candidate,). They update all terms by a
-        row and a column of A.
+        Candidates for one more switch, added to a single set. The result then has a column for each
+        candidate. Their products with that set (switch, candidate), their squares (candidate,), and
+        their products with the estimate (candidate,). They update all terms by a row and a column
+        of A.
     """
     prior_precision = np.square(SWITCH_SIZES)[:, None] ** -1.0
     count = cross.shape[-1]
@@ -276,8 +277,8 @@ def switch_evidence(
 def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPrior]:
     """Yield priors of sums of one, two and more cosines and sines beside switches at ``positions``.
 
-    Each sum adds to the one before the cosine or sine with the most evidence, with its own prior
-    standard deviation, one of AMPLITUDES.
+    Each sum extends the previous one by the cosine or sine with the most evidence. The prior
+    standard deviation of the new coefficient is one of AMPLITUDES.
     """
     columns = np.hstack([estimate.steps(positions).columns, estimate.white])
     moments = Moments.of(columns.T @ columns, len(columns))

@@ -22,11 +22,11 @@ LEVEL = 30.0  # standard deviation of the constant
 AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # prior standard deviations of a smooth part
 MIN_LENGTH = 4.0  # samples; shortest length of a smooth part
 LENGTH_RATIO = 1.6  # from one length to the next
-MAX_LENGTH = 1 / 1.2  # periods; from half a period on, only the first harmonic is left
+MAX_LENGTH = 1 / 1.2  # periods; the longest length leaves only the first harmonic
 # Cycles per length up to which a squared-exponential process has all but 1e-6 of its variance
 MAX_FREQUENCY = 0.78
 MIN_VARIANCE = 1e-7  # of a harmonic, relative to the first; fainter ones are left out
-MAX_HARMONICS = 160  # shorter lengths are left out of long realizations
+MAX_HARMONICS = 160  # with long realizations, the shortest lengths would need more
 SWITCH_SIZES = (0.05, 0.2, 0.8)  # prior standard deviations of switches, equally likely
 USUAL_SWITCH_SIZE = SWITCH_SIZES[1]  # where only one is tried
 DECIMATOR_REACH = 15  # samples before decimation to either side that its filter reaches
@@ -143,8 +143,8 @@ def smooth_priors(axis: Axis) -> list[SmoothPrior]:
         (matern, all_lengths[2::2], AMPLITUDES[1:]),  # fewer, to save time
     )
     # A prior probability of 0.98 for no smooth part would reduce the random error by up to a tenth
-    # where stiffness only switches. But bands would cover 68 instead of 83 % of a change by 3 % in
-    # 40 s of PRBS.
+    # where stiffness only switches. But with a change of stiffness by 3 % in 40 s of PRBS, 68 % of
+    # the bands would hold the truth instead of 83 %.
     none = np.append(LEVEL**2, np.zeros(2 * axis.harmonics))
     out = [SmoothPrior(math.log(0.5), none)]
     for spectrum_of, lengths, amplitudes in kernels:

@@ -110,7 +110,7 @@ class _Regression(NamedTuple):
         return float(self.mean @ weights[: len(self.mean)])
 
 
-def changes(ensemble: Ensemble) -> bool:
+def is_time_varying(ensemble: Ensemble) -> bool:
     """Return whether stiffness or viscosity change over a realization, beside any reflex.
 
     The first harmonics of the realization are tested as :func:`reflex_test_of` tests a reflex.

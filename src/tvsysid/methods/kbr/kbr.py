@@ -28,7 +28,7 @@ from tvsysid.validators import Validator, is_number, one_of, optional, positive
 Weights = Literal["white", "residual"]
 
 NM_PER_DEG = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
-# modulus in N·m/rad at 1 Hz of the paper's joint, whose scale is 1 N·m/deg
+# Modulus of the paper's joint at 1 Hz in N·m/rad. By convention, its scale is 1 N·m/deg.
 PAPER_MODULUS = 100.0
 # iterations of the residual weights; a third changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
@@ -47,7 +47,7 @@ GAMMA = Validator(
     lambda gamma: positive.is_valid(gamma) or (_numbers(gamma, 3) and min(gamma) > 0),
 )
 BAND = Validator(
-    "two frequencies in Hz, which rise from 0 or more",
+    "two increasing frequencies in Hz, none below 0",
     lambda band: _numbers(band, 2) and 0 <= band[0] < band[1],
 )
 
@@ -66,8 +66,8 @@ class KernelRegression(shared.ReferenceMethod):
     (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
     are stiffness, viscosity and inertia: the paper's Na = 0 and Nb = 2. E is the spectrum of the
     equation error over each unbroken run of realizations. The kernel K says how fast the b may
-    change, with the duration of a realization as the period p; ``tuned`` chooses it by maximum
-    evidence.
+    change. Its period p is the duration of a realization. ``tuned`` chooses gamma, l1 and l2 by
+    maximum evidence.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class KernelRegression(shared.ReferenceMethod):
         l2 in s: time over which the periods become different. From 20 record lengths on, the kernel
         is strictly periodic.
     gamma
-        Prior variance about their means of stiffness, viscosity and inertia, or one number for all
+        Prior variances of stiffness, viscosity and inertia about their means, or one number for all
         three, in units of the ``scale`` squared. The paper gives one, without a unit.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
@@ -151,36 +151,36 @@ class KernelRegression(shared.ReferenceMethod):
     def least_share(self) -> float:
         """Return the smallest share of the angle that the reference must predict.
 
-        Residual weights need less.
+        With residual weights, less is enough.
         """
-        return shared.HARDLY_MOVED if self.weighting == "white" else shared.MIN_SHARE
+        return shared.MIN_PREDICTED if self.weighting == "white" else shared.MIN_SHARE
 
-    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> KernelModel:
-        ensembles = [ensemble] if self.reference is None else [ensemble, moved]
+    def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> KernelModel:
+        ensembles = [ensemble] if self.reference is None else [ensemble, instrument]
         kernel = Kernel.of(ensemble, self.length_periodic, self.length_decay)
         runs = runs_of(ensembles, kernel, self.band)
         moments = moments_of(runs, kernel)
         variances = np.broadcast_to(self.gamma, 3) * self._scale(moments, kernel) ** 2
-        # The cost of equation 16 gives a weight half the variance of its kernel.
+        # Equation 16 has no 1/2 before the prior, so a weight has half its kernel's variance.
         precision = np.outer(2 / variances, kernel.precision).ravel()
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         for remaining in range(reweighted, -1, -1):
             posterior = fit(moments, precision)
-            each = impedance_over(ensemble, kernel, posterior.mean)
-            residuals = (torque - shared.second_order_torque(ensemble, each))[:, known]
+            impedances = impedance_over(ensemble, kernel, posterior.mean)
+            residuals = (torque - shared.second_order_torque(ensemble, impedances))[:, known]
             if remaining:
                 runs = whitened(runs, residuals)
                 moments = moments_of(runs, kernel)
         # If each run is a single realization, none has derivatives at its ends.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
-        impedance = each.mean(axis=0)
+        impedance = impedances.mean(axis=0)
         impedance[:missing] = impedance[len(impedance) - missing :] = np.nan
         # The error E is complex: its variance is that of two numbers.
         details = {
             "noise_variance": 2 * posterior.noise_variance,
-            "second_order_agreement": shared.residual_agreement(moved, residuals, edge),
+            "second_order_agreement": shared.residual_agreement(instrument, residuals, edge),
         }
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
 
@@ -191,7 +191,7 @@ class KernelRegression(shared.ReferenceMethod):
             if self.weighting == "white":
                 filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
                 share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
-                noise, coloured = shared.noise_colour(moved, residuals, share, filters)
+                noise, coloured = shared.noise_colour(instrument, residuals, share, filters)
                 factors *= coloured / power_in_band(noise, low, high)
             times = np.broadcast_arrays(*times_of(ensemble, kernel))
             mean_features = np.asarray(sum(map(kernel, *times))) / len(times[0])
@@ -199,7 +199,7 @@ class KernelRegression(shared.ReferenceMethod):
             blocks = posterior.covariance.reshape((3, kernel.columns) * 2)
             return shared.posterior_errors(
                 np.stack([expansion] * 3),
-                np.einsum("qiqj->qij", blocks),  # on the diagonal, one of each quantity
+                np.einsum("qiqj->qij", blocks),  # covariance of each quantity with itself
                 max(1.0, 2 * residuals.size * (high - low) - posterior.effective),
                 ensemble.samples,
                 factors,
@@ -282,7 +282,7 @@ def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
 
 
 def fit_by_instruments(moments: Moments, precision: Array, noise: float) -> FittedWeights:
-    r"""Return the weights of columns X that contain noise, by instruments Z without noise.
+    r"""Solve a regression with a prior by instruments Z, for columns X that contain noise.
 
     .. math:: A\, \hat w = Z^T y, \qquad A = Z^T X + \sigma^2 P, \qquad
               C = \sigma^2 A^{-1} (Z^T Z + \sigma^2 P) A^{-T}

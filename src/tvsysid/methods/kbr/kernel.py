@@ -6,8 +6,8 @@ r"""Low-rank form of the locally periodic kernel, the prior of how stiffness cha
 (equation 17 of van de Ruit et al. 2021). A function with this covariance is a sum of a few known
 features with independent coefficients, so that no matrix of the record's length is ever built.
 
-Another periodic kernel needs other :func:`log_harmonic_variances`, and as many harmonics in
-:func:`harmonic_variances` as it has. Another decay needs another :func:`covariance`, and enough
+To use another periodic kernel, change :func:`log_harmonic_variances`, and the number of harmonics
+in :func:`harmonic_variances`. To use another decay, change :func:`covariance`, and the number of
 nodes in :func:`decay_features`.
 """
 
@@ -23,14 +23,13 @@ from scipy.special import ive
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Ensemble
 
-ENDLESS = 120_000.0  # decay in s that stands for none: the paper's for its simulated study
+ENDLESS = 120_000.0  # decay in s of the paper's simulated study, which in effect is none
 # decay, in lengths of the record, from which on the kernel is taken as strictly periodic
 STRICT = 20.0
 # Share of the prior variance below which a feature is left out. It is small because a prior that
 # suits stiffness is very wide for inertia: 1e-9 would change stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
-# harmonics times decays in a record above which a kernel is refused: more would take 2 GiB of
-# covariance
+# Largest number of harmonics times decays in a record. More would need 2 GiB of covariance.
 MAX_SIZE = 1875
 
 
@@ -39,7 +38,7 @@ class Kernel:
     """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
     Each column is a cosine or sine of a ``harmonic`` times a ``slow`` function, given by its index.
-    ``place`` is the index of the cosine or sine in :meth:`periodic_features`, and ``precision`` the
+    ``wave`` is the index of the cosine or sine in :meth:`periodic_features`, and ``precision`` the
     column's prior precision for gamma = 1. All have shape (column,). The first column is the
     constant, whose prior precision is 0. The record lasts ``span`` s.
 
@@ -54,7 +53,7 @@ class Kernel:
     nodes: Array
     projection: Array
     harmonic: NDArray[np.int64]
-    place: NDArray[np.int64]
+    wave: NDArray[np.int64]
     slow: NDArray[np.int64]
     precision: Array
 
@@ -74,8 +73,8 @@ class Kernel:
                 f"over a record of {span:g} s need too many features of each coefficient; give "
                 "fewer realizations, a longer length_decay or a larger length_periodic"
             )
-        # With a decay, only the first column has slow function 0, because the eigenfunctions alone
-        # add up to the decay.
+        # With a decay, only the constant column uses slow function 0: the eigenfunctions alone
+        # represent the decay.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
         if l2 < STRICT * span:
             nodes, projection, shares = decay_features(float(clocks.min()), span, l2)
@@ -83,14 +82,14 @@ class Kernel:
         kept = np.outer(variances, shares) > TOLERANCE
         kept[0, 0] = True
         harmonics = np.arange(1, 2 * len(variances)) // 2  # a cosine and a sine of each but 0
-        place, slow = np.nonzero(kept[harmonics])
-        harmonic = harmonics[place]
+        wave, slow = np.nonzero(kept[harmonics])
+        harmonic = harmonics[wave]
         precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
-        return cls(period, span, l2, nodes, projection, harmonic, place, slow, precision)
+        return cls(period, span, l2, nodes, projection, harmonic, wave, slow, precision)
 
     @property
     def columns(self) -> int:
-        """Return the number of features of stiffness, and as many of viscosity and inertia."""
+        """Return the number of features of each quantity."""
         return len(self.precision)
 
     @property
@@ -120,13 +119,13 @@ class Kernel:
 
         ``phase`` is the time within the period, ``clock`` that of the record.
         """
-        periodic = self.periodic_features(phase)[..., self.place]
+        periodic = self.periodic_features(phase)[..., self.wave]
         return np.asarray(periodic * self.slow_features(clock)[..., self.slow])
 
     def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
         """Return sums of features times ``coefficients`` (quantity, column), (*time, quantity)."""
         weights = np.zeros((2 * self.highest + 1, len(coefficients), self.functions))
-        weights[self.place, :, self.slow] = coefficients.T
+        weights[self.wave, :, self.slow] = coefficients.T
         of_slow = np.tensordot(self.periodic_features(phase), weights, 1)
         return np.asarray(np.einsum("...qj,...j->...q", of_slow, self.slow_features(clock)))
 
@@ -168,11 +167,12 @@ def harmonic_variances(l1: float) -> Array:
 
 
 def decay_features(first: float, span: float, l2: float) -> tuple[Array, Array, Array]:
-    """Return nodes, projection and mean squares of functions whose products add up to the decay.
+    """Return nodes, projection and mean squares of functions f that represent the decay.
 
-    The functions are the eigenfunctions of :func:`covariance` over a span in s, times their
-    standard deviations, largest first. They are calculated on Gauss-Legendre nodes and extended to
-    any time by the covariance itself (Nyström).
+    The decay from t to t' is the sum of f(t) f(t') over the functions. The functions are the
+    eigenfunctions of :func:`covariance` over a span in s, times their standard deviations, largest
+    first. They are calculated on Gauss-Legendre nodes and extended to any time by the covariance
+    itself (Nyström).
     """
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))
     nodes = first + span * (nodes + 1) / 2

@@ -24,18 +24,19 @@ ComplexArray = NDArray[np.complex128]
 BLOCK = 512  # frequencies whose regressors are held at once
 # half-cosines over a run that model the smooth external term, from 0 to 2 cycles
 EXTERNAL_TERMS = 5
-MIN_POWER = 1e-9  # of a half-cosine in the band, relative to its samples; a fainter one is rounding
+MIN_POWER = 1e-9  # power of a half-cosine in the band per sample, below which it is rounding error
 
 
 @attrs.frozen(eq=False)
 class Runs:
-    """Runs of equally many realizations, as ``spectra`` of signals times slow functions.
+    """All runs with the same number of realizations, as spectra of signals times slow functions.
 
     The signals are the angle and its derivatives, then those of an instrument if there is one, and
-    last the torque, which is multiplied by the first function only. Their ends without derivatives
-    are 0. ``spectra`` (signal x function, run, frequency) have ``norm="ortho"``. They begin
-    ``reach`` bins below the fitted ``bins``, and end as many above. Each run lasts ``periods``
-    realizations, together ``samples``. All spectra count time from the trial's start.
+    last the torque, which is multiplied by the first function only. The ends of a run, where
+    derivatives are unknown, are 0. ``spectra`` (signal x function, run, frequency) have
+    ``norm="ortho"``. They begin ``reach`` bins below the fitted ``bins``, and end as many above.
+    Each run lasts ``periods`` realizations, together ``samples``. All spectra count time from the
+    trial's start.
 
     A *number* is the real or the imaginary part at a fitted frequency. ``weights`` (number,)
     multiply them. The ``external`` terms (run, term, number) are spectra of half-cosines. A run has
@@ -80,16 +81,16 @@ class Runs:
         bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
         reach = kernel.highest * periods
         # Spectra of real signals are mirrored at 0 and at the Nyquist frequency.
-        place = np.arange(bins.start - reach, bins.stop + reach)
-        signed = (place + samples // 2) % samples - samples // 2
+        bin_numbers = np.arange(bins.start - reach, bins.stop + reach)
+        signed = (bin_numbers + samples // 2) % samples - samples // 2
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
         spectra = spectra[..., np.abs(signed)]
         np.conjugate(spectra, out=spectra, where=signed < 0)
         # The phase of the harmonics counts from the trial's start.
         starts = ensemble.onsets[realizations[:, :1]] % kernel.period
-        delay = np.exp(-2j * np.pi * rate / samples * starts * place)
+        delay = np.exp(-2j * np.pi * rate / samples * starts * bin_numbers)
         spectra *= delay
-        delay = delay[:, None, reach : len(place) - reach]
+        delay = delay[:, None, reach : len(bin_numbers) - reach]
         external = (external_terms(samples, lost)[:, bins] * delay).view(np.float64)
         weights = np.ones(external.shape[-1])
         freedom = len(weights) * (1 - 2 * lost / samples)
@@ -102,8 +103,8 @@ class Runs:
         a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
         memory from growing with the record times the columns.
         """
-        runs, places = self.spectra.shape[1], 2 * kernel.highest + 1
-        first = np.searchsorted(kernel.place, np.arange(places + 1))
+        runs, waves = self.spectra.shape[1], 2 * kernel.highest + 1
+        first = np.searchsorted(kernel.wave, np.arange(waves + 1))
         # A cosine is half the sum of two shifts; a sine is half their difference, times i.
         signals = self.spectra[:-1].reshape(-1, kernel.functions, *self.spectra.shape[1:])
         halves, turned = 0.5 * signals, 0.5j * signals
@@ -114,12 +115,12 @@ class Runs:
             rows = np.empty((size + 1, runs, high - low), np.complex128)
             rows[-1] = self.spectra[-1, :, low + self.reach : high + self.reach]
             products = rows[:-1].reshape(len(signals), -1, runs, high - low)
-            for place in range(places):
-                columns = slice(first[place], first[place + 1])
+            for wave in range(waves):
+                columns = slice(first[wave], first[wave + 1])
                 slow = slice(kernel.slow[columns.start], kernel.slow[columns.stop - 1] + 1)
-                is_sine = place > 0 and place % 2 == 0
+                is_sine = wave > 0 and wave % 2 == 0
                 part, combine = (turned, np.subtract) if is_sine else (halves, np.add)
-                up = self.reach + (place + 1) // 2 * self.periods
+                up = self.reach + (wave + 1) // 2 * self.periods
                 down = 2 * self.reach - up
                 combine(
                     part[:, slow, :, low + up : high + up],
@@ -194,7 +195,7 @@ def moments_of(found: Sequence[Runs], kernel: Kernel) -> Moments:
 def whitened(found: Sequence[Runs], residual: Array) -> list[Runs]:
     """Return runs with weights that make a residual (realization, time) white.
 
-    They are inverse to the root of its spectrum, whose mean is taken as 1.
+    The weights are the inverse square root of the residual's spectrum relative to its mean.
     """
     correlation = autocorrelation(residual - residual.mean())  # 1 at lag 0; negative lags mirror it
     powers = [2 * rfft(correlation, runs.samples)[runs.bins].real - 1 for runs in found]

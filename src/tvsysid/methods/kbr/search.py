@@ -27,11 +27,11 @@ from tvsysid.signals import Array, Ensemble
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # candidates of l1, from which the search climbs
 WHOLE_RANGE = (LENGTHS[0], LENGTHS[-1])
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
-START = 1e3  # initial power of the torque of stiffness, viscosity or inertia, in noise variances
+START = 1e3  # initial power of the torque that each quantity explains, over the noise variance
 MAX_DROP, MAX_RISE = 50.0, 15.0  # largest change of log prior variances in a climb
 # weights of features above which a decay is not tried, and the given settings are not compared
 MAX_WEIGHTS = 2000
-# decrease of the log noise variance from the start at which the data are too few to show any noise
+# A log noise variance that falls by this much from its start shows that the data are too few.
 MAX_FALL = 12.0
 # share of the noise below which a feature's part of the torque does not count in the likelihood
 MIN_STRENGTH = 1e-7
@@ -44,8 +44,8 @@ _value = attrgetter("value")
 class Settings:
     """Settings of the method, and their log marginal likelihood ``value``.
 
-    ``theta`` holds the logs of l1, three prior variances and the complex noise's. ``line``
-    describes the difference from the given settings.
+    ``theta`` holds the logs of l1, of three prior variances and of the complex noise's variance.
+    ``line`` describes the difference from the given settings.
     """
 
     decay: float
@@ -68,7 +68,7 @@ class Likelihood:
     r"""Log marginal likelihood by the logs of l1, three prior variances and the noise variance.
 
     The constants have no prior, and are integrated out with unit density (restricted likelihood).
-    The ``moments`` are those of the effective number of samples, and of all ``kernel`` features.
+    The ``moments`` of all ``kernel`` features are scaled to the effective number of samples.
     """
 
     moments: Moments
@@ -109,7 +109,7 @@ class Likelihood:
         low, high = start.theta - MAX_FALL, start.theta + MAX_FALL
         low[1:4], high[1:4] = start.theta[1:4] - MAX_DROP, start.theta[1:4] + MAX_RISE
         low[0], high[0] = np.log(lengths)
-        # Less this constant, the likelihood and the stopping rule have no unit of torque.
+        # Without this constant, the stopping rule would depend on the unit of torque.
         constant = -0.5 * self.moments.number * start.theta[4]
 
         def descent(theta: Array) -> tuple[float, Array]:

@@ -18,7 +18,7 @@ from tvsysid.methods.shared.windows import impulse_response_model, solve_windows
 from tvsysid.models import IMPEDANCE, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import PRIORS, FittedWeights, Moments
-from tvsysid.numerics.instrument import HARDLY_MOVED
+from tvsysid.numerics.instrument import MIN_PREDICTED
 from tvsysid.numerics.moments import lagged_moments
 from tvsysid.numerics.second_order import (
     derivative_filters,

@@ -18,7 +18,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.models import Model
-from tvsysid.numerics.instrument import HARDLY_MOVED, lag_samples, predicted, realization_groups
+from tvsysid.numerics.instrument import MIN_PREDICTED, lag_samples, predicted, realization_groups
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import with_settings
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tvsysid.methods.tuning import Evidence
 
 # Shares of the angle that a reference predicts
-MIN_SHARE = 0.01  # for any method
+MIN_SHARE = 0.01  # at least, with residual weights
 WEAK_SHARE = 0.5  # below, there is a warning
 
 
@@ -47,18 +47,18 @@ class ReferenceMethod(Method):
     @property
     def least_share(self) -> float:
         """Return the smallest share of the angle that the reference must predict."""
-        return HARDLY_MOVED
+        return MIN_PREDICTED
 
     @abstractmethod
-    def _fit(self, ensemble: Ensemble, moved: Ensemble) -> Model:
-        """Return the model. ``moved`` has the angle predicted by the reference, if there is one."""
+    def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> Model:
+        """Return the model. ``instrument`` has the angle that the reference predicts, if any."""
 
     def fit(self, ensemble: Ensemble) -> Model:
         """Return the model of an ensemble."""
         if self.reference is None:
             return self._fit(ensemble, ensemble)
-        moved, explained = self._moved(ensemble, self.reference)
-        model = self._fit(ensemble, moved)
+        instrument, explained = self._instrument(ensemble, self.reference)
+        model = self._fit(ensemble, instrument)
         warned = (
             f"the reference {self.reference!r} predicts only {_percent(explained)} of the angle: "
             "the random error is large; disturb more strongly, or use a stiffer actuator"
@@ -74,21 +74,21 @@ class ReferenceMethod(Method):
         if self.reference is None:
             return self._open_loop_evidence(ensemble)
         # Noise does not move the predicted angle, so the loop is open.
-        moved, _ = self._moved(ensemble, self.reference)
-        return with_settings(self, reference=None)._open_loop_evidence(moved)
+        instrument, _ = self._instrument(ensemble, self.reference)
+        return with_settings(self, reference=None)._open_loop_evidence(instrument)
 
     def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
         """Return the evidence for settings where the angle is imposed."""
         return super()._evidence(ensemble)
 
-    def _moved(self, ensemble: Ensemble, reference: str) -> tuple[Ensemble, float]:
+    def _instrument(self, ensemble: Ensemble, reference: str) -> tuple[Ensemble, float]:
         """Return the ensemble as the reference alone would have moved it.
 
         Return also the share of the angle that the reference predicts in held-out realizations.
         Raise InputError if this is less than ``least_share``.
         """
-        moved = attrs.evolve(ensemble, angle=_predicted(ensemble, reference))
-        measured, angle = (each.angle[:, ensemble.core] for each in (ensemble, moved))
+        instrument = attrs.evolve(ensemble, angle=_predicted(ensemble, reference))
+        measured, angle = (each.angle[:, ensemble.core] for each in (ensemble, instrument))
         left = measured - angle
         explained = 1 - float(np.vdot(left, left) / np.vdot(measured, measured))
         if not explained >= self.least_share:
@@ -97,7 +97,7 @@ class ReferenceMethod(Method):
                 f"{_percent(explained)} of it, at least {_percent(self.least_share)} are needed. "
                 "Is it the right channel, and in time with the angle? If so, disturb more strongly"
             )
-        return moved, explained
+        return instrument, explained
 
 
 def _predicted(ensemble: Ensemble, reference: str) -> Array:

@@ -105,17 +105,17 @@ def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Arra
 
 
 def window_model(
-    ensemble: Ensemble, moved: Ensemble, windows: Windows, half: int, needed: int
+    ensemble: Ensemble, instrument: Ensemble, windows: Windows, half: int, needed: int
 ) -> ImpulseResponseModel:
-    """Return the model of ``windows``, which were solved for the ensemble ``moved``.
+    """Return the model of ``windows``, which were solved for the ensemble ``instrument``.
 
-    ``moved`` has the angle that the reference predicts, if there is one. There is a band where a
-    window has at least ``needed`` independent samples.
+    ``instrument`` has the angle that the reference predicts, if there is one. There is a band where
+    a window has at least ``needed`` independent samples.
     """
     lags = windows.weights.shape[1] // 2
     missing = missing_edge(lags, ensemble)
-    residuals, first = second_order_residual(moved, padded(windows.fit, missing))
-    details = {"second_order_agreement": residual_agreement(moved, residuals, first)}
+    residuals, first = second_order_residual(instrument, padded(windows.fit, missing))
+    details = {"second_order_agreement": residual_agreement(instrument, residuals, first)}
     rank = padded(windows.rank.astype(float), missing)
     diagnostics = Diagnostics(float(windows.rank.mean()), rank, details=details)
     enough = windows.independent >= needed
@@ -128,13 +128,13 @@ def window_model(
         )
 
     def errors() -> dict[str, StandardError]:
-        ratio = noise_ratio(*(residual(each, windows.weights) for each in (ensemble, moved)))
-        variances = ratio * coloured_variances(moved, windows, half)
+        ratio = noise_ratio(*(residual(each, windows.weights) for each in (ensemble, instrument)))
+        variances = ratio * coloured_variances(instrument, windows, half)
         variances[~enough] = np.nan
         values, freedom = (padded(each, missing) for each in (np.sqrt(variances), windows.freedom))
         return standard_errors(values, freedom[:, None], absent=reason)
 
-    return impulse_response_model(moved, windows.weights, windows.fit, diagnostics, errors)
+    return impulse_response_model(instrument, windows.weights, windows.fit, diagnostics, errors)
 
 
 def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array:

@@ -145,7 +145,7 @@ def test_moments_and_covariance_are_those_of_the_samples(
     assert_alike(fit.covariance, inverse @ (coloured + variance * weight) @ inverse, 1e-6)
 
 
-def test_evidence_is_that_of_the_samples(random):
+def test_evidence_is_that_of_the_samples_and_limits_are_kept(random):
     columns, torque = random.normal(size=(40, 5)), random.normal(size=40)
     spread, every = np.array([1e4, 0.5, 2.0, 0.1, 1.0]), np.column_stack([columns, torque])
     moments = Moments.of(every.T @ every, 40.0)
@@ -155,6 +155,17 @@ def test_evidence_is_that_of_the_samples(random):
     assert found.noise_variance == pytest.approx(left / 40)
     expected = -20 * np.log(left / moments.square) - np.linalg.slogdet(covariance)[1] / 2
     assert relative_log_evidence(found, moments.square) == pytest.approx(expected, abs=1e-5)
+
+    positive = random.normal(size=(30, 5)) + 1.0
+    assert (positive @ found.mean).min() < 0
+    mean = posterior_of(moments, spread, positive).mean
+    assert (positive @ mean).min() > -1e-12
+    # Against the limits that are touched, and no others, the posterior density rises.
+    touched = positive[positive @ mean < 1e-9]
+    slope = moments.gram @ mean - moments.cross + mean / spread**2
+    pressing = np.linalg.lstsq(touched.T, slope, rcond=None)[0]
+    np.testing.assert_allclose(touched.T @ pressing, slope, atol=1e-8)
+    assert (pressing > 0).all()
 
 
 @pytest.mark.parametrize("wave", ["constant", "ramp"])

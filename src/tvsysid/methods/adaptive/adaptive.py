@@ -22,7 +22,6 @@ from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardErro
 from tvsysid.signals import Ensemble
 
 MIN_REALIZATIONS = 4
-MAX_LOST = 0.01  # share of the torque that a negative viscosity may explain
 MIN_SAMPLES, MAX_SAMPLES = 16, 3000  # of a realization, without ends that lack derivatives
 MAX_TURNS = 3  # estimates of stiffness, each followed by one of viscosity
 
@@ -291,5 +290,6 @@ def warnings_of(free: FreeRegression, found: Mapping[str, ModelAverage]) -> Iter
     viscosity = found["viscosity"].mixture
     upper = viscosity.mean() + 1.96 * np.sqrt(viscosity.variance())
     negative = np.minimum(upper, 0.0)  # 0 where it is above 0
-    lost = np.sum(free.products[:, V, V] * negative**2)
-    yield from limit_warnings(bool(lost > MAX_LOST * np.sum(free.products[:, -1, -1])))
+    yield from limit_warnings(
+        float(np.sum(free.products[:, V, V] * negative**2) / np.sum(free.products[:, -1, -1]))
+    )

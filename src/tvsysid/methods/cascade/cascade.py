@@ -17,6 +17,7 @@ from tvsysid.methods.cascade.fit import (
     SHAPE_NAMES,
     THRESHOLD,
     Fit,
+    posterior_of,
 )
 from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
@@ -29,6 +30,7 @@ from tvsysid.validators import Validator, is_whole, optional, positive, text
 
 MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
 ROUNDING = 1e-9  # share of the mean stiffness
+MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
 MAX_REFLEX_LAG_S = 0.45  # if the context is not longer
 
@@ -92,9 +94,9 @@ class JointCascade(TwoPathwayMethod):
     realizations, none is shown. Where no reflex is detected, the model has none, and the band of
     ``reflex_gain`` says how large a gain the data allow. EMG always drives a reflex.
 
-    Viscosity, the reflex gain of stretch and their bands are never negative, and stiffness keeps
-    one sign: other values are stated as 0. A warning says so of stiffness, and of a viscosity that
-    is negative on average.
+    Viscosity, the reflex gain of stretch and their bands are never negative. Stiffness keeps one
+    sign. Sizes and decays are found without these limits. A warning says so if the limits cost 1 %
+    of the torque, or hold stiffness at 0.
 
     The threshold is 0 unless a threshold predicts held-out realizations better (p < 0.05). The
     bands count that it is not known.
@@ -214,9 +216,8 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
     response, reflex_lags = _reflex_response(selection)
     over_time = data.over_time(mean[:count])
     details = _details(selection)
-    stiffness, viscosity, _ = (over_time @ data.readout.T).mean(axis=0).tolist()
-    details["stiffness_fitted"] = stiffness
-    texts = *limit_warnings(viscosity < 0), *_warnings(selection, details, estimates)
+    details["stiffness_fitted"] = float((over_time @ data.readout[0]).mean())
+    texts = _warnings(selection, details, estimates)
     return JointCascadeModel(
         method=method,
         sampling_rate=data.rate,
@@ -231,15 +232,15 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         hyperparameters=Hyperparameters(
             direction, data.varies, data.noise, fit.shape, fit.parameters
         ),
-        diagnostics=Diagnostics(used.posterior.effective, warnings=texts, details=details),
+        diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
     )
 
 
 def _estimate(fit: Fit, unit: str, features: Array, limited: bool, start: int = 0) -> Estimate:
     """Return weighted sums of the coefficients from ``start`` on, where samples are fitted.
 
-    ``features`` (time, coefficient) are the weights. Negative values of ``limited`` estimates
-    are stated as 0.
+    ``features`` (time, coefficient) are the weights. Negative values of ``limited`` estimates are
+    rounding.
     """
     columns = slice(start, start + features.shape[1])
     known = np.full(len(features), np.nan)
@@ -293,10 +294,14 @@ def _details(selection: Selection) -> dict[str, float]:
 def _warnings(
     selection: Selection, details: Mapping[str, float], estimates: Mapping[str, Estimate]
 ) -> Iterator[str]:
-    """Yield warnings of a reflex, its gain or a stiffness that are not reliable."""
+    """Yield warnings of limits that the data contradict, and of what is not reliable."""
     fit, fitted = selection.fit, details["stiffness_fitted"]
     stiffness, gain = (estimates[name].values for name in ("stiffness", "reflex_gain"))
     mean, upper = float(np.nanmean(stiffness)), estimates["reflex_gain"].limits()[1]
+    used = selection.used
+    unlimited = posterior_of(used.moments, used.spread)
+    lost = used.posterior.penalized_residual - unlimited.penalized_residual
+    yield from limit_warnings(lost / used.moments.square)
     if not selection.shown:
         yield (
             "no reflex is detected in these data: stiffness, viscosity and inertia are those of a "
@@ -334,11 +339,11 @@ def _held_stiffness(model: Model) -> Iterator[str]:
         )
 
 
-def limit_warnings(is_negative: bool) -> Iterator[str]:
-    """Warn of a negative viscosity."""
-    if is_negative:
+def limit_warnings(lost: float) -> Iterator[str]:
+    """Warn if the fit loses a share of the torque because quantities keep one sign."""
+    if lost > MAX_LOST:
         yield (
-            "a negative viscosity would explain more of the torque, but no joint has one: the "
-            "torque may be early, or move the angle, or the realizations differ in more than the "
-            "perturbation"
+            "a negative viscosity or reflex gain, or a stiffness of both signs, would explain "
+            f"{100 * lost:.1f} % more of the torque, but no joint has these: the torque may be "
+            "early, or move the angle, or the realizations differ in more than the perturbation"
         )

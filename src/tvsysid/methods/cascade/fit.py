@@ -65,6 +65,8 @@ class Fit:
         Numbers of the shape that are estimated.
     parameters
         Hyperparameters; by default those of greatest evidence.
+    positive
+        Rows (row, column) whose products with the coefficients must not be negative.
     """
 
     data: Data
@@ -72,6 +74,7 @@ class Fit:
     shape: Array
     free: list[int]
     parameters: Array = attrs.field()
+    positive: Array | None = None
 
     @parameters.default
     def _tuned(self) -> Array:
@@ -133,7 +136,7 @@ class Fit:
     @cached_property
     def posterior(self) -> Posterior:
         """Return the posterior of the coefficients."""
-        return posterior_of(self.moments, self.spread)
+        return posterior_of(self.moments, self.spread, self.positive)
 
     @cached_property
     def objective(self) -> float:
@@ -158,7 +161,7 @@ class Fit:
         if len(data.folds) > 1:
             for rows, products in zip(data.folds, self.products, strict=True):
                 own = Moments.of(products, len(left[rows]) / len(left) * data.number)
-                mean = posterior_of(self.moments.without(own), self.spread).mean
+                mean = posterior_of(self.moments.without(own), self.spread, self.positive).mean
                 left[rows] = self.residual_of(mean)[rows]
         return left
 
@@ -244,17 +247,27 @@ class Fit:
         return attrs.evolve(fit, parameters=fit.prior.tuned(fit.parameters))
 
 
-def posterior_of(moments: Moments, spread: Array) -> Posterior:
+def posterior_of(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
     """Return the posterior of coefficients whose prior ``spread`` is relative to the noise.
 
-    The noise variance is the most probable one.
+    The noise variance is the most probable one. The mean has the greatest posterior density of all
+    coefficients whose products with each row of ``positive`` (row, coefficient) are not negative.
     """
     found = solve(moments, spread**-2)
-    left = max(found.penalized_residual, 1e-14 * moments.square + np.finfo(float).tiny)
+    mean, left = found.mean, found.penalized_residual
+    if positive is not None:
+        # In these coordinates, the density falls with the distance from the free mean.
+        free, normals = found.inverse_factor @ moments.cross, found.inverse_factor @ positive.T
+        normals /= np.linalg.norm(normals, axis=0)
+        size = np.linalg.norm(free)
+        step = size * (normals @ scipy.optimize.nnls(normals, -free / size)[0])
+        mean, left = mean + step @ found.inverse_factor, left + float(step @ step)
+    left = max(left, 1e-14 * moments.square + np.finfo(float).tiny)
     noise = left / moments.number
     precision = found.precision / noise
     return attrs.evolve(
         found,
+        mean=mean,
         penalized_residual=left,
         noise_variance=noise,
         precision=precision,

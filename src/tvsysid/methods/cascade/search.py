@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
+from scipy.linalg import block_diag
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data, deviations
@@ -27,6 +28,7 @@ from tvsysid.signals import Ensemble
 VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
 HISTORY_S = 1.0  # of the reflex's drive that is used where it was recorded
 INITIAL_THRESHOLD = 0.15  # rad/s
+MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
@@ -136,18 +138,31 @@ class Search:
                 direction, shown = test.direction, test.shown
         drive = self.drive_by_threshold(direction)
         if shown:
-            fit = _refined(self.fit(drive))
+            fit = self._limited(_refined(self.fit(drive)))
             return Selection(self, direction, True, fit, fit)
         none = self.fit(None)
         usual = Fit(none.data, drive, self._shape(0.0), [])
-        return Selection(self, direction, False, usual, none)
+        return Selection(self, direction, False, self._limited(usual), self._limited(none))
 
     def refit(self, known: Hyperparameters) -> Selection:
         """Return the fit with known hyperparameters, of a reflex that is detected."""
         data = attrs.evolve(self.data if known.varies else self.data.constant, noise=known.noise)
         drive = self.drive_by_threshold(known.direction)
-        fit = Fit(data, drive, known.shape, [], known.parameters)
+        fit = self._limited(Fit(data, drive, known.shape, [], known.parameters))
         return Selection(self, known.direction, True, fit, fit)
+
+    def _limited(self, fit: Fit) -> Fit:
+        """Return the fit with the same hyperparameters, without negative viscosity and gain.
+
+        Stiffness keeps one sign. The gain of EMG is of either sign.
+        """
+        data, some = fit.data, slice(None, None, max(1, self.ensemble.samples // MAX_LIMITED_TIMES))
+        stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.starts))[0]
+        rows = np.concatenate([data.features(each)[some] for each in (stiffness, data.readout[1])])
+        if fit.drive is not None:
+            gain = data.gain(self.ensemble.time[some] / data.period)
+            rows = block_diag(rows, gain if self.emg is None else gain[:0])
+        return attrs.evolve(fit, positive=rows)
 
 
 def _refined(fit: Fit) -> Fit:

@@ -97,7 +97,7 @@ def test_errors_are_one_line(tvsysid, command, message):
 @pytest.mark.parametrize(
     ("error", "code", "message"),
     [
-        (KeyboardInterrupt(), 130, "interrupted. Finished work is kept. To resume a study"),
+        (KeyboardInterrupt(), 130, "interrupted\n"),
         (MemoryError(), 2, "not enough memory"),
         (OSError(28, "No space left on device", "out.csv"), 2, "out.csv: No space left on device"),
     ],

@@ -88,11 +88,6 @@ def test_good_methods_pass(method):
             "identifies a joint",
             "100 % of the values are NaN",
         ),
-        (
-            declares(quantities=("reflex_gain",), pathway_names=("intrinsic", "reflexx")),
-            "estimates what it declares",
-            "missing: reflex_gain, reflexx. Estimate them",
-        ),
         (spoiled(np.radians), "recovers a constant stiffness", "mean 1.75 N·m/rad"),
         (
             spoiled(torque=lambda model, other: 50 * other.angle[:, other.core]),

@@ -30,8 +30,7 @@ COMMANDS = (
     "simulate",
     "plan",
 )
-INTERRUPTED = "interrupted. Finished work is kept. To resume a study, run the same command again"
-
+STUDIES = {"benchmark", "leaderboard", "experiment"}
 
 app = App(
     name="tvsysid",
@@ -73,7 +72,9 @@ def main() -> None:
     try:
         sys.exit(app(sys.argv[1:], print_error=False, exit_on_error=False) or 0)
     except KeyboardInterrupt:
-        code, text = 130, INTERRUPTED
+        code, text = 130, "interrupted"
+        if STUDIES.intersection(sys.argv[1:2]):
+            text += ". Finished work is kept. To resume, run the same command again"
     except CycloptsError as error:
         error.verbose = False
         problem = str(error).partition(" Available commands")[0].rstrip(".")

@@ -152,8 +152,12 @@ def _show_identify_command(file: Path, channels: Mapping[str, Channel]) -> None:
     rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
     rate = rates.pop() if len(rates) == 1 else None
     words = ["identify", shlex.quote(str(file))]
-    for own in ("angle", "torque"):
-        found = [own] if own in channels else [name for name in channels if own in name.lower()]
+    for own, words_for in {"angle": "angle|pos", "torque": "torque|tq"}.items():
+        found = (
+            [own]
+            if own in channels
+            else [name for name in channels if re.search(words_for, name, re.IGNORECASE)]
+        )
         words += [f"--{own}", shlex.quote(found[0]) if len(found) == 1 else "CHANNEL"]
     say(f"identify it with\ntvsysid {' '.join(words)} {rate_options(rate)} --period SECONDS")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):

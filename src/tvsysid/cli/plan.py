@@ -16,7 +16,6 @@ from tvsysid.recordings.reading import Reading, Segmentation
 if TYPE_CHECKING:
     from tvsysid.planning import Plan, Protocol
 
-MIN_REALIZATIONS = 20  # with fewer, plans and bands are the best case
 MAX_EXCESS = 1.25  # of the scatter in a pilot, which is not mentioned
 PERIOD_S = 2.0
 
@@ -146,11 +145,6 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
 def _show(found: Plan) -> None:
     """Print the answer, a table of the methods for each setup, and why some do not suffice."""
     say(str(found), "bold")
-    if found.best and (found.best.realizations or 0) < MIN_REALIZATIONS:
-        say(
-            f"with fewer than {MIN_REALIZATIONS} realizations this is the best case: record at "
-            f"least {MIN_REALIZATIONS} realizations"
-        )
     columns = {
         "method": "method",
         "realizations": "realizations:d",

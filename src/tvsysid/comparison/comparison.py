@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tvsysid.comparison.held_out import predict_held_out
 from tvsysid.methods import Evidence, Method
@@ -26,7 +27,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDS = 5
-TABLE = {  # columns of the summary that are printed
+SUMMARY = ["method", "stiffness (N·m/rad)", "half_band (N·m/rad)", "lowest (N·m/rad)"]
+SUMMARY += ["lowest at (s)", "highest (N·m/rad)", "highest at (s)", "viscosity (N·m·s/rad)"]
+SUMMARY += ["inertia (kg·m²)", "VAF (%)"]
+PRINTED = {  # headings of the columns of the summary that are printed
     "method": "method",
     "stiffness (N·m/rad)": "mean",
     "half_band (N·m/rad)": "band ±",
@@ -142,7 +146,7 @@ class Comparison:
         )
 
     def __repr__(self) -> str:
-        answer, table = self.answer, self.summary().rename(columns=TABLE)
+        answer, table = self.answer, self.summary().rename(columns=PRINTED)
         table["spread ±"] = table.method.map({answer.label: answer.difference})
         table["VAF (%)"] = table.method.map(answer.vaf)
         table["method"] = table.method.map("{:.30} ".format)
@@ -151,7 +155,7 @@ class Comparison:
             [
                 "\n  ".join(answer.lines),
                 f"\n{'' if answer.is_stated else 'not valid: '}{title}",
-                table[[*TABLE.values(), "spread ±", "VAF (%)"]].to_string(
+                table[[*PRINTED.values(), "spread ±", "VAF (%)"]].to_string(
                     index=False, na_rep="-", float_format="{:.1f}".format
                 ),
                 "",
@@ -180,27 +184,15 @@ class Comparison:
         """
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        rows = []
-        for label, model in self.models.items():
-            stiffness, (lower, upper) = model.stiffness, model.limits("stiffness")
-            lowest = np.argmin(np.nan_to_num(stiffness, nan=np.inf))
-            highest = np.argmax(np.nan_to_num(stiffness, nan=-np.inf))
-            varies = 0.0 if stiffness[lowest] != stiffness[highest] else np.nan
-            rows.append(
-                {
-                    "method": label,
-                    "stiffness (N·m/rad)": mean_of(stiffness),
-                    "half_band (N·m/rad)": mean_of((upper - lower) / 2),
-                    "lowest (N·m/rad)": stiffness[lowest] + varies,
-                    "lowest at (s)": model.time[lowest] + varies,
-                    "highest (N·m/rad)": stiffness[highest] + varies,
-                    "highest at (s)": model.time[highest] + varies,
-                    "viscosity (N·m·s/rad)": mean_of(model.viscosity),
-                    "inertia (kg·m²)": mean_of(model.inertia),
-                    "VAF (%)": mean_of(self.vaf[label]),
-                }
+        rows = [
+            (
+                label,
+                *describe_values(model.stiffness, model.limits("stiffness"), model.time),
+                *map(mean_of, (model.viscosity, model.inertia, self.vaf[label])),
             )
-        return pd.DataFrame(rows)
+            for label, model in self.models.items()
+        ]
+        return pd.DataFrame(rows, columns=SUMMARY)
 
     def over_time(self) -> pd.DataFrame:
         """Return a table with a row for each method and time.
@@ -236,7 +228,8 @@ class Comparison:
                 "quantity": name,
                 "unit": estimate.unit,
                 "estimate": estimate.values,
-                **dict(zip(("lower", "upper"), estimate.limits(), strict=True)),
+                "lower": estimate.limits()[0],
+                "upper": estimate.limits()[1],
             }
             for label, model in self.models.items()
             for variable, coordinates in model.coordinates.items()
@@ -287,3 +280,20 @@ class Comparison:
         amplitudes and times again.
         """
         return predict_held_out(self.ensemble, self.methods, self.models, folds, progress)
+
+
+def describe_values(
+    values: Array, limits: Sequence[Array] | Array, times: ArrayLike = np.nan
+) -> tuple[Any, ...]:
+    """Return mean, mean half width of the band, lowest and its time, highest and its time.
+
+    The extremes of a constant are NaN.
+    """
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    series = pd.Series(values.ravel(), np.broadcast_to(times, values.size))
+    lower, upper = limits
+    extremes: list[Any] = [np.nan] * 4
+    if series.nunique() > 1:
+        extremes = [series.min(), series.idxmin(), series.max(), series.idxmax()]
+    return mean_of(values), mean_of(upper - lower) / 2, *extremes

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 METHODS = ("adaptive", "sds", "birf", "kbr")
 MARGIN = 1.1  # as the few simulated ensembles show an error to 10 %
 EXTRAPOLATION = 10  # times as many realizations follow the fitted law
+MIN_REALIZATIONS = 20  # to record; plans of fewer are optimistic
 HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
 
 
@@ -105,11 +106,16 @@ class Plan:
         wish += f" and follow a change within {self.resolution:g} s" if self.resolution else ""
         if (best := self.best) is None:
             return f"{wish}: no method suffices, of those tried; see why in the table."
-        period, count = self.setups[best.setup].period, best.realizations or 0
-        more = ", as those at both ends lack context" if best.seconds > count * period else ""
+        setup, needed = self.setups[best.setup], best.realizations or 0
+        count = max(needed, MIN_REALIZATIONS)
+        taken = best._replace(seconds=max(best.seconds, setup.seconds(count)))
+        more = (
+            ", as those at both ends lack context" if taken.seconds > count * setup.period else ""
+        )
+        fewer = " Fewer suffice only at best." if count > needed else ""
         return (
-            f"{wish}, with {best.method} and {best.setup}: {count} realizations of {period:g} s; "
-            f"record {best.duration}{more}."
+            f"{wish}, with {best.method} and {best.setup}: {count} realizations of "
+            f"{setup.period:g} s; record {taken.duration}{more}.{fewer}"
         )
 
     def plot(self, title: str = "") -> Figure:

@@ -179,15 +179,11 @@ def answer(
     label = [*suited, *adaptive, best][0]
     method, model = methods[label], models[label]
     typical = float(np.median(vafs[label]))
-    trust, reasons = judge_trust(model, method, recommendation, label in suited, typical)
     spread = model_spread(ensemble, methods, models, label, means)
-    found = Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
-    has_reference = any(item.kind == "reference" for item in method.inputs)
-    limit = np.fmax(MAX_SPREAD * mean_of(model.stiffness), 2 * found.half_band)
-    if not found.is_stated or has_reference or not found.difference > limit:
-        return found
-    reasons = (WIDE_SPREAD.format(found.difference), *reasons)[:MAX_REASONS]
-    return attrs.evolve(found, trust="doubtful", reasons=reasons)
+    trust, reasons = judge_trust(
+        model, method, recommendation, label in suited, typical, mean_of(spread)
+    )
+    return Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
 
 
 def _known_vaf(model: Model, held_out: Array | None) -> Array:
@@ -222,9 +218,7 @@ def model_spread(
         torque = ensemble.torque.copy()
         torque[:, ensemble.core] -= np.nan_to_num(pathways["reflex"])
         without_reflex = attrs.evolve(ensemble, torque=torque)
-    weights = {
-        name: 0.0 if math.isnan(vaf[name]) else 1 / max(100 - vaf[name], 1e-9) for name in models
-    }
+    weights = {name: np.nan_to_num(1 / max(100 - each, 1e-9)) for name, each in vaf.items()}
     spread = np.full(len(own.time), np.nan)
     for name, model in models.items():
         stiffness = model.stiffness
@@ -249,6 +243,7 @@ def judge_trust(
     recommendation: Recommendation,
     is_suited: bool,
     held_out_vaf: float,
+    spread: float = math.nan,
 ) -> tuple[Trust, tuple[str, ...]]:
     """Judge how far the stiffness of a model can be trusted, and give the reasons for doubt.
 
@@ -262,6 +257,8 @@ def judge_trust(
         Whether the method is a recommended one.
     held_out_vaf
         Median VAF of held-out realizations by the method in %.
+    spread
+        Mean over time of how far methods differ in N·m/rad.
     """
     measured, unnamed = recommendation.measured, recommendation.unnamed_references
     diagnosis = recommendation.diagnosis
@@ -290,6 +287,10 @@ def judge_trust(
         reasons.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
     elif not has_reference and measured.feedback > MIN_FEEDBACK_PERCENT:
         cautions = [POSSIBLE_LOOP.format(measured.feedback)]
+    lower, upper = model.limits("stiffness")
+    limit = np.fmax(MAX_SPREAD * mean_of(model.stiffness), mean_of(upper - lower))
+    if not has_reference and spread > limit:
+        reasons.insert(0, WIDE_SPREAD.format(spread))
     return "doubtful" if reasons else "good", (*reasons, *cautions)[:MAX_REASONS]
 
 

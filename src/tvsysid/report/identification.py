@@ -24,7 +24,7 @@ from tvsysid.methods.references import bibliography, cited
 from tvsysid.methods.tuning import Tuned
 from tvsysid.numerics.bands import mean_of
 from tvsysid.recommendation.answer import has_one_pathway, is_reflex_detected
-from tvsysid.report.estimates import estimates, further
+from tvsysid.report.estimates import TIMES, estimates, further
 from tvsysid.report.page import filled, render
 from tvsysid.validators import settings_of as setting_values
 
@@ -86,7 +86,7 @@ def write_identification(
         diagnosis=found.recommendation.diagnosis,
         source=source,
         pictures=draw_all(figures or illustrations(found)),
-        quantities=table[(table.method == label) & table["lowest at (s)"].notna()],
+        quantities=table[(table.method == label) & table.over.isin(TIMES)],
         further=further(found),
         switches=getattr(found.answer.model, "switches", ()),
         methods=found.summary().assign(held_out=[*found.answer.vaf.values()]),

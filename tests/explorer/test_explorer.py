@@ -23,7 +23,10 @@ from tvsysid.methods.settings import split_settings
 from tvsysid.recordings import Reading, Segmentation, describe_file
 from tvsysid.recordings.channel import channel_of
 from tvsysid.recordings.saved import saved_settings, settings_file
+from tvsysid.report.experiment import _answer_for
+from tvsysid.report.page import in_text
 from tvsysid.report.sheet import facts
+from tvsysid.study import Experiment, prepared_recordings
 
 CUTTING = Segmentation(period=2.0, decimate=100.0)
 
@@ -89,6 +92,38 @@ def test_page_command_sheet_and_python_give_one_answer(file, tvsysid, found):
         assert tree.attrs.items() >= facts(found.found, file.name).items()  # of the sheet
         np.testing.assert_array_equal(tree[tree.leading].stiffness, answer.stiffness)
     assert found.prepared.ensemble.delay_removed == pytest.approx(0.012, abs=0.0005)
+
+
+STUDY = """
+participants.P1.noise = "joint.npz"
+reading = {angle = "angle", torque = "torque", sampling_rate = 1000}
+
+[preparation]
+period = 2
+rate = 100
+ends = 0
+reference = false
+task_limit = false
+residual_limit = false
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_an_experiment_gives_the_same_answer_by_default(recording, tvsysid):
+    np.savez("joint.npz", angle=recording.angle, torque=recording.torque)
+    Path("study.toml").write_text(STUDY)
+    reading = Reading(angle="angle", torque="torque", sampling_rate=1000)
+    settings = Settings(Path("joint.npz"), reading, CUTTING)
+    found = outcome(settings).found
+    assert repr(found) in tvsysid(*shlex.split(settings.command)[1:])[1]
+    (prepared,) = prepared_recordings(Experiment.from_toml("study.toml"))
+    again = tv.compare(prepared.ensemble)
+    assert repr(again) == repr(found)
+    np.testing.assert_array_equal(again.answer.stiffness, found.answer.stiffness)
+    words = in_text(found.answer.stiffness.mean(), found.answer.half_band, 1)
+    stated = _answer_for(prepared, [])
+    assert stated[1:4] == (words, "adaptive", " ".join(found.answer.reasons))
 
 
 def test_the_python_shown_of_a_recording_without_a_file(recording):

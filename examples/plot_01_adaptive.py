@@ -9,13 +9,12 @@ import tvsysid as tv
 
 # %%
 # A joint whose stiffness switches between 50 and 150 N·m/rad, perturbed for 40 s: 20 realizations
-# of 2 s at 1000 Hz, decimated to 100 Hz. Read your own recording by
-# :func:`tvsysid.read_recording`.
+# of 2 s at 1000 Hz, decimated to 100 Hz. :func:`tvsysid.prepare` also
+# reads a file.
 
 joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
 simulation = joint.simulate(40, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=1)
-recording = tv.preprocess.decimate(simulation.recording, 100)
-ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
+ensemble = tv.prepare(simulation.recording, period=2.0, decimate=100).ensemble
 
 # %%
 # There are no settings. ``switches`` says when stiffness jumps, by how much, and how probable

@@ -13,19 +13,18 @@ joint = tv.simulate.ReflexJoint(
     stiffness=tv.simulate.SineWave(), reflex_gain=tv.simulate.SineWave(8, 4)
 )
 simulation = joint.simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_db=10, seed=7)
-# This also keeps the angle as it was recorded.
-recording = tv.preprocess.decimate(simulation.recording, 100)
-ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
+prepared = tv.prepare(simulation.recording, period=2.0, decimate=100)
+ensemble = prepared.ensemble
 
 # %%
 # First see whether there is a reflex.
 
-print(tv.diagnose(ensemble))
+print(prepared.diagnose())
 
 # %%
 # Then separate it. The model has the torque of each pathway, and the reflex gain.
 
-found = tv.compare(ensemble, ["cascade", "sds"])
+found = tv.compare(prepared, ["cascade", "sds"])
 truth = simulation.truth_of(ensemble)
 cascade = found.models["cascade"]
 

@@ -15,23 +15,22 @@ joint = tv.simulate.CompliantActuator(
     tv.simulate.SineWave(), noise_bandwidth=5.0, disturbance="torque"
 )
 simulation = joint.simulate(60, perturbation=tv.simulate.FilteredNoise(20.0), snr_db=5, seed=8)
-recording = tv.preprocess.decimate(simulation.recording, 100)
-ensemble = tv.preprocess.subtract_mean(
-    tv.preprocess.segment(recording, period=2.0), ["disturbance"]
-)
+prepared = tv.prepare(simulation.recording, period=2.0, decimate=100)
+time, truth = prepared.ensemble.time, simulation.truth_of(prepared.ensemble)["stiffness"][0]
 
 # %%
 # The part of the angle that the recorded disturbance predicts does not depend on the noise.
 
 methods = {
-    "angle taken as imposed": tv.KernelRegression(),
-    "with a reference": tv.KernelRegression(reference="disturbance", weighting="residual"),
+    "kbr": "angle taken as imposed",
+    "kbr:reference=disturbance,weighting=residual": "with a reference",
 }
+found = tv.compare(prepared, methods)
 figure = Figure(figsize=(8, 3.4), layout="constrained")
 axes = figure.subplots()
-axes.plot(ensemble.time, simulation.truth_of(ensemble)["stiffness"][0], **TRUE_LINE)
-for (name, method), line, colour in zip(methods.items(), ("-.", "-"), PALETTE, strict=False):
-    model = method.identify(ensemble)
+axes.plot(time, truth, **TRUE_LINE)
+for (label, name), line, colour in zip(methods.items(), ("-.", "-"), PALETTE, strict=False):
+    model = found.models[label]
     print(f"{name}: {model.stiffness.mean():.0f} N·m/rad on average, where 100 is true")
     axes.plot(model.time, model.stiffness, line, color=colour, label=name)
 axes.fill_between(model.time, *model.estimates["stiffness"].band(), color=PALETTE[1], alpha=0.3)

@@ -9,14 +9,13 @@ import tvsysid as tv
 
 joint = tv.simulate.Joint(stiffness=tv.simulate.SquareWave())
 simulation = joint.simulate(120, perturbation=tv.simulate.PRBS(), snr_db=10, seed=13)
-recording = tv.preprocess.decimate(simulation.recording, 100)
-ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
+prepared = tv.prepare(simulation.recording, period=2.0, decimate=100)
 
 # %%
 # The recommended method, ``adaptive``, comes first. This VAF is of the data that were identified.
 # It is no reason to prefer a method with many parameters.
 
-comparison = tv.compare(ensemble)
+comparison = tv.compare(prepared)
 columns = ["method", "stiffness (N·m/rad)", "half_band (N·m/rad)", "VAF (%)"]
 print(comparison.summary()[columns].round(1).to_string(index=False))
 

@@ -27,9 +27,9 @@ recording = attrs.evolve(simulation.recording, channels={"EMG_SOL": emg})
 # ``cascade`` predicts the reflex from the stretch or from EMG. EMG is noisy: if the stretch
 # predicts the reflex, as here, it is the better input.
 
-recording = tv.preprocess.decimate(recording, 100)
-ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2.0))
-comparison = tv.compare(ensemble, ["cascade", "cascade:emg=EMG_SOL"])
+prepared = tv.prepare(recording, period=2.0, decimate=100)
+ensemble = prepared.ensemble
+comparison = tv.compare(prepared, ["cascade", "cascade:emg=EMG_SOL"])
 truth = simulation.truth_of(ensemble)
 for label, model in comparison.models.items():
     error = np.sqrt(np.mean((model.stiffness - truth["stiffness"][0]) ** 2))

@@ -79,7 +79,7 @@ def test_names_beside_those_of_nlid_exist():
 def test_the_example_separates_what_other_methods_take_for_stiffness(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = run("reflex.md")
-    truth = names["simulation"].truth_of(names["ensemble"])
+    truth = names["simulation"].truth_of(names["prepared"].ensemble)
     models = names["found"].models
     for name, error in (("stiffness", 1.0), ("reflex_gain", 0.4)):
         off = models["cascade"].estimates[name].values - truth[name]

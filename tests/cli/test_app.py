@@ -70,10 +70,6 @@ def test_without_a_command_the_help_is_shown(tvsysid):
             IDENTIFY_JOINT.replace("identify", "inspect --diagnose") + "--reference command",
             "there is no 'command'; the signals are 'angle', 'torque'; read it as a channel",
         ),
-        (
-            "inspect joint.mat --plot joint.doc",
-            "unknown ending '.doc'; give one of .png, .pdf, .svg",
-        ),
         ("simulate joint.docx", "unknown ending '.docx'"),
         ("simulate new.mat --seed one", 'Invalid value for --seed: unable to convert "one"'),
         ("benchmark --method nowhere:Fit", "No module named 'nowhere'"),

@@ -31,9 +31,9 @@ def inspect(
     reading: ReadingOptions = Reading(),
     segmentation: SegmentationOptions = Segmentation(),
     save: Flag = False,
-    plot: Path | None = None,
     diagnose: Flag = False,
     reference: str | None = None,
+    out: Path = Path("tvsysid-inspect"),
 ) -> None:
     """Show the channels of a file; with --diagnose, report what is wrong with the recording.
 
@@ -51,8 +51,6 @@ def inspect(
 
     Example: `tvsysid inspect ankle.mat`
 
-    Example: `tvsysid inspect ankle.mat --plot ankle.pdf`
-
     Example: `tvsysid inspect ankle.mat --angle angle --torque torque --rate 1000 --period 2 --save`
 
     Example: `tvsysid inspect ankle.mat --diagnose --angle angle --torque torque --rate 1000
@@ -67,22 +65,20 @@ def inspect(
     save
         Write the options to FILE.toml beside the file, where `identify`, `plan`, `inspect` and
         `explore` find them. Options on the command line override them.
-    plot
-        Picture to write: .png, .pdf or .svg. [tvsysid-inspect/FILE.png]
     diagnose
         Also read the recording and cut it into realizations as `tvsysid identify` does, and report
         its faults. Needs --angle, --torque and --rate, and --period if the movement repeats.
     reference
         Name (given by --channel) of the applied disturbance, to look for a closed loop.
+    out
+        Folder for the picture and the page.
     """
     from tvsysid import figures
     from tvsysid.recordings import describe_file, read_recording
     from tvsysid.recordings.saved import save_settings
-    from tvsysid.recordings.write import checked
 
     channels = describe_file(file)
-    plot = plot or Path("tvsysid-inspect") / f"{file.name}.png"
-    picture = checked(plot, ".png", ".pdf", ".svg")
+    picture = out / f"{file.name}.png"
     records = [{"name": name, "content": each.described} for name, each in channels.items()]
     show_table(file.name, records, {"channel": "name", "content": "content"})
     try:
@@ -95,7 +91,7 @@ def inspect(
         settings = save_settings(file, reading, segmentation)
         say(f"wrote {settings}; identify with\ntvsysid identify {shlex.quote(str(file))}")
     if diagnose:
-        _show_diagnosis(file, picture.parent, reading, segmentation, reference)
+        _show_diagnosis(file, out, reading, segmentation, reference)
     elif not save:
         _show_identify_command(file, channels)
 
@@ -121,11 +117,8 @@ def _show_diagnosis(
         settings = attrs.asdict(reading) | attrs.asdict(segmentation)
         prepared = prepare(file, **settings).center([reference] if reference else [])
         diagnosis = prepared.diagnose(reference)
-        if isinstance(diagnosis, str):
-            raise InputError(diagnosis)
         recorded = prepare(file, **settings | {"decimate": None}, align_channels=False).diagnose()
-        found = () if isinstance(recorded, str) else recorded.checks
-        sensors = [each for each in found if each.name in SENSOR_CHECKS]
+        sensors = [each for each in recorded.checks if each.name in SENSOR_CHECKS]
         corrected = [fault for fault, _ in prepared.corrections]
         checks = {each.name: each for each in (*diagnosis.checks, *sensors, *corrected)}
         diagnosis = attrs.evolve(
@@ -137,13 +130,12 @@ def _show_diagnosis(
         name = f"{file.name} ({reading.angle}, {reading.torque})"
         pictures = {name: recording_illustration(prepared.recording, prepared.ensemble)}
         write_diagnosis(page, {name: diagnosis}, command_line(), pictures)
+        found = recommend(prepared.ensemble, reference, diagnosis=diagnosis) if repeats else None
     say(f"{name}: {diagnosis!r}")
     for note in prepared.notes:
         say(note)
-    if repeats:
-        with errors.status("choosing a method"):
-            recommendation = recommend(prepared.ensemble, reference, diagnosis=diagnosis)
-        say(repr(recommendation))
+    if found:
+        say(repr(found))
     say(f"wrote {page}")
 
 
@@ -152,13 +144,10 @@ def _show_identify_command(file: Path, channels: Mapping[str, Channel]) -> None:
     rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
     rate = rates.pop() if len(rates) == 1 else None
     words = ["identify", shlex.quote(str(file))]
-    for own, words_for in {"angle": "angle|pos", "torque": "torque|tq"}.items():
-        found = (
-            [own]
-            if own in channels
-            else [name for name in channels if re.search(words_for, name, re.IGNORECASE)]
-        )
-        words += [f"--{own}", shlex.quote(found[0]) if len(found) == 1 else "CHANNEL"]
+    for own, pattern in {"angle": "angle|pos", "torque": "torque|tq"}.items():
+        found = [name for name in channels if re.search(pattern, name, re.IGNORECASE)]
+        chosen = own if own in channels else found[0] if len(found) == 1 else "CHANNEL"
+        words += [f"--{own}", shlex.quote(chosen)]
     say(f"identify it with\ntvsysid {' '.join(words)} {rate_options(rate)} --period SECONDS")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
         say("if each column of a matrix is a separate trial, add --columns trials")

@@ -279,7 +279,7 @@ class Comparison:
         of all realizations: it keeps the smooth part and the number of switches, and fits
         amplitudes and times again.
         """
-        return predict_held_out(self.ensemble, self.methods, self.models, folds, progress)
+        return predict_held_out(self, folds, progress)
 
 
 def describe_values(

@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from itertools import product
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid.errors import DataQualityWarning, describe_error
-from tvsysid.methods import Method, centered_channels
-from tvsysid.models import Model
+from tvsysid.methods import centered_channels
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress
-from tvsysid.signals import Array, Ensemble
+from tvsysid.signals import Array
+
+if TYPE_CHECKING:
+    from tvsysid.comparison.comparison import Comparison
 
 
-def predict_held_out(
-    ensemble: Ensemble,
-    methods: Mapping[str, Method],
-    models: Mapping[str, Model],
-    folds: int,
-    progress: Progress,
-) -> dict[str, Array]:
+def predict_held_out(found: Comparison, folds: int, progress: Progress) -> dict[str, Array]:
     """Return torques by label. See :meth:`tvsysid.Comparison.predict_held_out`."""
+    ensemble, models = found.ensemble, found.models
     shape = 2, len(ensemble), ensemble.samples
     torques = {label: np.full(shape, np.nan) for label in models}
     if len(ensemble) < 2 + ensemble.mean_subtracted:
@@ -36,7 +33,7 @@ def predict_held_out(
         for number, (part, label) in enumerate(product(parts, models)):
             progress(number, len(parts) * len(models))
             try:
-                torques[label][:, part] = _held_out(ensemble, part, methods[label], models[label])
+                torques[label][:, part] = _held_out(found, part, label)
             except Exception as error:  # a user's method may raise anything; the others go on
                 text = "no held-out VAF where the method cannot be fitted without a fold"
                 reason = f"{label}: {text}: {describe_error(error)}"
@@ -44,13 +41,9 @@ def predict_held_out(
     return torques
 
 
-def _held_out(
-    ensemble: Ensemble, held_out: NDArray[np.int64], method: Method, model: Model
-) -> Array:
-    """Return measured torque of realizations, and that predicted by a fit to the others.
-
-    ``model`` is the method's model of all realizations.
-    """
+def _held_out(found: Comparison, held_out: NDArray[np.int64], label: str) -> Array:
+    """Return measured torque of realizations, and that predicted by a fit to the others."""
+    ensemble, method = found.ensemble, found.methods[label]
     kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
 
     def deviation(values: Array) -> Array:
@@ -65,5 +58,5 @@ def _held_out(
     with warnings.catch_warnings():
         # The fit to all realizations has warned already.
         warnings.simplefilter("ignore", DataQualityWarning)
-        predicted = deviation(method.refit(given.select(kept), model).predict(given))
+        predicted = deviation(method.refit(given.select(kept), found.models[label]).predict(given))
     return np.stack([measured, predicted[held_out]])

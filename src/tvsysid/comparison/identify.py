@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import suppress
 
 import attrs
 
@@ -98,7 +98,7 @@ def compare(
     evidence: dict[str, Evidence] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
-    with single_thread(), _one_warning_a_cause():
+    with single_thread(), warnings.catch_warnings(action="ignore", category=DataQualityWarning):
         for number, (label, method) in enumerate(queue or _usual(models)):
             progress(number, len(queue) or 3)
             chosen[label] = method
@@ -115,31 +115,21 @@ def compare(
                 failed[label] = describe_error(error)
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
+    causes: dict[str, dict[str, str]] = {}  # texts that differ in numbers alone have one cause
+    for label, model in models.items():
+        for text in model.diagnostics.warnings:
+            causes.setdefault(re.sub(r"\d", "", text), {}).setdefault(label, text)
+    for texts in causes.values():
+        text = f"{', '.join(texts)}: {next(iter(texts.values()))}"
+        warnings.warn(text, DataQualityWarning, stacklevel=2)
     found = Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
     if not isinstance(data, PreparedRecording):
         return found
     inputs = found.inputs
     unnamed = () if inputs.keys() & ROLES else tuple(data.unnamed_references())
-    diagnosis = data.diagnose(inputs.get("reference"))
-    return attrs.evolve(found, diagnosis=diagnosis, unnamed_references=unnamed)
-
-
-@contextmanager
-def _one_warning_a_cause() -> Iterator[None]:
-    """Give the warnings of several methods with one cause, but other numbers, as one."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", DataQualityWarning)
-        yield
-    alike: dict[str, dict[str, str]] = {}
-    for each in caught:
-        label, _, reason = str(each.message).partition(": ")
-        if each.category is not DataQualityWarning:
-            warnings.warn(each.message, stacklevel=4)
-            continue
-        alike.setdefault(re.sub(r"\d", "", reason), {}).setdefault(label, reason)
-    for reasons in alike.values():
-        text = f"{', '.join(reasons)}: {next(iter(reasons.values()))}"
-        warnings.warn(text, DataQualityWarning, stacklevel=4)
+    with suppress(InputError):  # the data are too short
+        found = attrs.evolve(found, diagnosis=data.diagnose(inputs.get("reference")))
+    return attrs.evolve(found, unnamed_references=unnamed)
 
 
 def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:

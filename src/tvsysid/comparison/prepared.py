@@ -74,12 +74,9 @@ class PreparedRecording:
         )
         return attrs.evolve(self, ensemble=ensemble, diagnosed=diagnosed)
 
-    def diagnose(self, reference: str | None = None) -> Diagnosis | str:
-        """Diagnose the data as they are identified; return why not if they are too short."""
-        try:
-            found = diagnose(self.diagnosed, reference, repeats=self.ensemble.mean_subtracted)
-        except InputError as error:
-            return str(error).removeprefix("diagnose: ")
+    def diagnose(self, reference: str | None = None) -> Diagnosis:
+        """Diagnose the data as they are identified: see :func:`tvsysid.diagnose`."""
+        found = diagnose(self.diagnosed, reference, repeats=self.ensemble.mean_subtracted)
         return attrs.evolve(found, checks=(*found.checks, *self.findings))
 
     def unnamed_references(self) -> Iterator[str]:

@@ -138,7 +138,7 @@ def test_walking_stiffness_without_its_reflex(walking, key):
         assert model.estimates[name].band()[0].min() >= 0
     *held, response = model.diagnostics.warnings
     assert ["holds stiffness at 0 at 0.8" in each for each in held] == [True] * (key == "cascade")
-    assert "the intrinsic response is not" in response
+    assert "the joint without its reflex is not" in response
     assert model.diagnostics.details["reflex_detected"] == 1
     if key == "cascade":
         assert model.diagnostics.details["vaf_held_out"] > 95.5  # 96.0 if signs were free

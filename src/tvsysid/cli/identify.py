@@ -155,7 +155,7 @@ def _identify_one(
     rate = reading.sampling_rate
     if segmentation.decimate is None and rate is not None and rate > SLOW_RATE:
         remark(
-            "note", f"at {rate:g} Hz this takes minutes. It takes seconds with {rate_options(rate)}"
+            "note", f"at {rate:g} Hz this takes minutes; decimated ({rate_options(rate)}), seconds"
         )
     with warnings_last():
         prepared = prepare(

@@ -93,7 +93,8 @@ def shown(found: Outcome, quantity: str = "stiffness") -> str:
     """Return an outcome as HTML."""
     answer = found.found.answer
     words = quantity.replace("_", " ")
-    summary = found.found.summary().set_index("method").T
+    summary = found.found.summary().rename(columns={"VAF (%)": "VAF in sample (%)"})
+    summary = summary.set_index("method").T
     over_time = found.found.over_time().set_index("method").loc[answer.label].set_index("time_s")
     every = max(1, len(over_time) // (MAX_TIMES - 1))
     again = {

@@ -249,10 +249,11 @@ def _check_model(method: Method, model: object, ensemble: Ensemble) -> None:
     for quantity, estimate in model.estimates.items():
         expected = tuple(lengths.get(axis, 0) for axis in estimate.axes)
         if estimate.values.shape != expected:
+            unknown = [axis for axis in estimate.axes if axis not in lengths]
+            missing = f"; coordinates of {', '.join(unknown)} are missing" if unknown else ""
             raise InputError(
                 f"{name}: {quantity} over {', '.join(estimate.axes)} must be of shape {expected}, "
-                f"it is {estimate.values.shape}; axes other than realization and time need "
-                "coordinates beside the estimates"
+                f"it is {estimate.values.shape}{missing}"
             )
 
 

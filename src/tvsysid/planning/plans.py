@@ -109,9 +109,8 @@ class Plan:
         setup, needed = self.setups[best.setup], best.realizations or 0
         count = max(needed, MIN_REALIZATIONS)
         taken = best._replace(seconds=max(best.seconds, setup.seconds(count)))
-        more = (
-            ", as those at both ends lack context" if taken.seconds > count * setup.period else ""
-        )
+        more = ", with those at both ends, which lack context"
+        more = more if taken.seconds > count * setup.period else ""
         fewer = " Fewer suffice only at best." if count > needed else ""
         return (
             f"{wish}, with {best.method} and {best.setup}: {count} realizations of "
@@ -230,5 +229,6 @@ def _why_not(curve: Curve, most: int, precision: float) -> str:
         return curve.why or "it gives no stiffness"
     half_width = HALF_BAND * curve.at(most).bias
     if MARGIN * half_width > precision:
-        return f"its bias alone is ± {half_width:.2g} N·m/rad, however much is recorded"
+        alone = float(f"{half_width:.2g}")
+        return f"its bias alone is ± {alone:g} N·m/rad, however much is recorded"
     return f"{EXTRAPOLATION * most} realizations are too few"

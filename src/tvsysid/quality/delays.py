@@ -38,8 +38,8 @@ MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angl
     "1 ms at the ankle) and the viscosity by stiffness times d, and distorts the rest; an early "
     "one raises both",
     remedy="find what delays a channel (a filter, a clock, a closed loop); correct it with "
-    "tv.preprocess.align_channels(recording, delay), as tvsysid identify does unless it predicts "
-    "worse",
+    "tv.preprocess.align_channels(recording, delay); tvsysid identify corrects all of it, or half "
+    "or none of it if that predicts better",
 )
 def delay(data: FittedEnsemble) -> Measured:
     r"""Return the delay of the torque with which a second-order joint leaves least of it.

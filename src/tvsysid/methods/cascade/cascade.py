@@ -316,9 +316,10 @@ def _warnings(
         )
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
-            "the intrinsic response is not that of a second-order joint: its sum gives a mean "
-            f"stiffness of {mean:.1f} N·m/rad, a second-order fit from 0.5 to 15 Hz {fitted:.1f}; "
-            "take the difference as an uncertainty, and viscosity and inertia as those of that fit"
+            "the joint without its reflex is not of second order: its impulse response gives a "
+            f"mean stiffness of {mean:.1f} N·m/rad, a second-order fit from 0.5 to 15 Hz "
+            f"{fitted:.1f}; report the difference as an uncertainty; viscosity and inertia are "
+            "those of that fit"
         )
     changes = not details["constant"]
     if changes and np.nanmax(upper - gain) > np.nanmax(gain) - np.nanmin(gain):
@@ -334,8 +335,8 @@ def _held_stiffness(model: Model) -> Iterator[str]:
     lowest = int(np.nanargmin(stiffness))
     if stiffness[lowest] < ROUNDING * np.nanmean(stiffness):
         yield (
-            f"the fit of both pathways holds stiffness at 0 at {model.time[lowest]:.2f} s, where "
-            "it would change its sign otherwise: this model does not describe the joint there"
+            f"the fit of both pathways holds stiffness at 0 at {model.time[lowest]:.2f} s, because "
+            "it would be of the wrong sign there: this model does not describe the joint there"
         )
 
 

@@ -130,8 +130,8 @@ CLAIMS = (
         ],
     ),
     Claim(
-        "Each step excludes as many realizations, on average, as some of the paper's participants "
-        "lost", "4.1.5",
+        "Each step excludes as many realizations, on average, as in the paper (within the range of "
+        "its participants)", "4.1.5",
         [
             (Margin(low - 0.5, high + 0.5), f"excluded_{step}", ANY_METHOD, name, ALL_DATA)
             for name, excluded in EXCLUDED.items()
@@ -189,7 +189,7 @@ CLAIMS = (
         HIGHER_RATIO, "random_error", "kbr", BOTH, LESS,
     ),
     claim(
-        "More data do not raise the VAF, which noisy torque limits (by less than 1 point)", "4.4",
+        "More data do not raise the VAF by 1 point or more, as the torque's noise limits it", "4.4",
         Margin(-1), "vaf", FIVE, EITHER, AMOUNTS,
     ),
     claim(

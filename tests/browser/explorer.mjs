@@ -2,7 +2,7 @@
 // with its address, the channels, and the folder for pictures of the page.
 import fs from "node:fs";
 import { createRequire } from "node:module";
-const require = createRequire(process.env.MODULES ?? `${process.cwd()}/`);
+const require = createRequire(`${process.cwd()}/build/browser/`);
 const { chromium } = require("playwright-core");
 const [executablePath, address, angle, torque, folder] = process.argv.slice(2);
 const LIMIT_MS = 1000;

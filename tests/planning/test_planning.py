@@ -144,7 +144,7 @@ def test_duration_is_never_rounded_down():
     needed = RequiredRecording("noise", "birf", 19, 31.5, 4.0, 1.0, 0.1)
     plan = Plan(5.0, None, {"noise": Protocol(period=1.5)}, {}, {}, (needed,))
     assert "20 realizations of 1.5 s; record 33 s, with those at both ends, which" in str(plan)
-    assert str(plan).endswith(" Fewer suffice only at best.")
+    assert str(plan).endswith(" The 19 in the table suffice only at best.")
     assert needed._replace(seconds=3 * 0.1).duration == "0.3 s"
     assert needed._replace(seconds=121.0).duration == "2.1 min"
 

@@ -111,7 +111,7 @@ class Plan:
         taken = best._replace(seconds=max(best.seconds, setup.seconds(count)))
         more = ", with those at both ends, which lack context"
         more = more if taken.seconds > count * setup.period else ""
-        fewer = " Fewer suffice only at best." if count > needed else ""
+        fewer = f" The {needed} in the table suffice only at best." if count > needed else ""
         return (
             f"{wish}, with {best.method} and {best.setup}: {count} realizations of "
             f"{setup.period:g} s; record {taken.duration}{more}.{fewer}"

@@ -345,6 +345,7 @@ def limit_warnings(lost: float) -> Iterator[str]:
     if lost > MAX_LOST:
         yield (
             "a negative viscosity or reflex gain, or a stiffness of both signs, would explain "
-            f"{100 * lost:.1f} % more of the torque, but no joint has these: the torque may be "
-            "early, or move the angle, or the realizations differ in more than the perturbation"
+            f"{100 * lost:.1f} % more of the torque, but no joint has these: the torque may have "
+            "the wrong sign, be early or move the angle, or the realizations differ in more than the "
+            "perturbation"
         )

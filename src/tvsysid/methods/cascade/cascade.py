@@ -346,6 +346,6 @@ def limit_warnings(lost: float) -> Iterator[str]:
         yield (
             "a negative viscosity or reflex gain, or a stiffness of both signs, would explain "
             f"{100 * lost:.1f} % more of the torque, but no joint has these: the torque may have "
-            "the wrong sign, be early or move the angle, or the realizations differ in more than the "
-            "perturbation"
+            "the wrong sign, be early or move the angle, or the realizations differ in more than "
+            "the perturbation"
         )

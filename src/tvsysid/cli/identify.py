@@ -152,8 +152,8 @@ def _identify_one(
 
     if segmentation.period is None and "scheduling" not in reading.channels:
         raise InputError(NO_PERIOD)
-    rate = reading.sampling_rate
-    if segmentation.decimate is None and rate is not None and rate > SLOW_RATE:
+    rate = reading.sampling_rate or 0.0
+    if segmentation.decimate is None and rate > SLOW_RATE:
         remark(
             "note", f"at {rate:g} Hz this takes minutes; decimated ({rate_options(rate)}), seconds"
         )

@@ -67,21 +67,21 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     from tvsysid.recordings.saved import saved_settings, settings_file
 
     typed = [Path(token.value) for name in FILES for token in tokens.get(name, ())]
-    found = {settings_file(file): saved_settings(file) for file in recordings_in(typed)}
-    paths = [path for path in found if found[path]]
-    if paths:
-        saved = found[paths[0]]
-        for path in paths:
-            if found[path] != saved:
-                raise InputError(
-                    f"{paths[0]} and {path} differ; identify these recordings one at a time"
-                )
-        channels = named_channels(saved.get("channels", ()))
-        options = {option_name(name): value for name, value in saved.items()}
-        options["channel"] = [f"{own}={name}" for own, name in channels.items()]
-        use = Dict(options, source=str(paths[0]), use_commands_as_keys=False)
-        use(app, commands, arguments)
-        remark("note", f"settings of {paths[0]}; options override them")
+    files = [file for file in recordings_in(typed) if saved_settings(file)]
+    if not files:
+        return
+    saved, source = saved_settings(files[0]), settings_file(files[0])
+    for file in files:
+        if saved_settings(file) != saved:
+            raise InputError(
+                f"{source} and {settings_file(file)} differ; identify these recordings one at a "
+                "time"
+            )
+    channels = named_channels(saved.get("channels", ()))
+    options = {option_name(name): value for name, value in saved.items()}
+    options["channel"] = [f"{own}={name}" for own, name in channels.items()]
+    Dict(options, source=str(source), use_commands_as_keys=False)(app, commands, arguments)
+    remark("note", f"settings of {source}; options override them")
 
 
 def rate_options(rate: float | None) -> str:

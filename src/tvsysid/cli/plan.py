@@ -122,13 +122,12 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
     """Return what a pilot recording shows of joint, noise and perturbation, and print it."""
     from tvsysid.comparison import prepare
     from tvsysid.planning import Protocol
-    from tvsysid.quality import diagnose
 
     cutting = attrs.evolve(segmentation, period=segmentation.period or PERIOD_S)
     prepared = prepare(file, **attrs.asdict(reading), **attrs.asdict(cutting))
     for note in prepared.notes:
         say(note)
-    for found in diagnose(prepared.ensemble).findings:
+    for found in prepared.diagnose().findings:
         if found.fault.severity == "invalid":
             raise InputError(
                 f"--pilot {file}: its stiffness is not valid: {found.what}; {found.fault.remedy}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -22,9 +22,10 @@ from tvsysid.quality import diagnose, diagnose_recording
 from tvsysid.recordings import read_recording
 from tvsysid.recordings.reading import split_settings
 from tvsysid.recordings.saved import saved_settings
-from tvsysid.signals import Array, Ensemble, Recording
+from tvsysid.signals import Ensemble, Recording
 
 SIGNIFICANCE = 0.05  # p-value below which one candidate predicts better than another
+MIN_REALIZATIONS = 2  # to predict one by the others
 PIECE_S = 2.0  # duration of the pieces in which a record without a period is diagnosed
 
 
@@ -127,25 +128,16 @@ def delay_to_correct(cut: Callable[[float], Ensemble], delay: float) -> tuple[fl
     """
     delays = delay * np.array([0.0, 0.5, 1.0])
     ensembles = [cut(each) for each in delays]
-    vafs = _held_out_vafs(ensembles) if len(ensembles[0]) > 1 else np.full((3, 1), np.nan)
-    best = int(np.argmax(vafs.mean(axis=1)))
-    if not prediction_p_value(100 - vafs[best], 100 - vafs[-1]) < SIGNIFICANCE:
-        return float(delays[-1]), "all of it is corrected"
+    count = min(map(len, ensembles))
+    if count < MIN_REALIZATIONS:
+        return delay, "all of it is corrected"
+    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+        found = compare(ensembles[0], ["adaptive"])  # its model is the start for all of them
+        predicted = [attrs.evolve(found, ensemble=each).predict_held_out(2) for each in ensembles]
+    errors = 100 - np.array([vaf(*each["adaptive"])[:count] for each in predicted])
+    best = int(np.argmin(errors.mean(axis=1)))
+    if not prediction_p_value(errors[best], errors[-1]) < SIGNIFICANCE:
+        return delay, "all of it is corrected"
     amount = f"half of it ({1000 * abs(delays[best]):.3g} ms)" if best else "none of it"
     reason = "adaptive then predicts held-out realizations better than with all of it corrected"
     return float(delays[best]), f"{amount} is corrected: {reason}"
-
-
-def _held_out_vafs(ensembles: Sequence[Ensemble]) -> Array:
-    """Return the held-out VAF of each ensemble by ``adaptive``, shape (ensemble, realization).
-
-    It identifies the first ensemble, and starts from this model for the others.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)
-        found = compare(ensembles[0], ["adaptive"])
-        vafs = [
-            vaf(*attrs.evolve(found, ensemble=each).predict_held_out(2)["adaptive"])
-            for each in ensembles
-        ]
-    return np.array([each[: min(map(len, vafs))] for each in vafs])

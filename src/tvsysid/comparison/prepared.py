@@ -85,10 +85,10 @@ class PreparedRecording:
             return
         channels, read = describe_file(self.file), self.reading.names
         shape, ensemble = channels[read["angle"]].shape, self.ensemble
-        names = (name for name, each in channels.items() if each.shape == shape)
-        others = (name for name in names if name not in read.values())
+        others = (name for name in channels if channels[name].shape == shape)
+        untested = (name for name in others if name not in read.values())
         context = ensemble.context / ensemble.sampling_rate
-        for name in islice(others, MAX_TESTED_CHANNELS):
+        for name in islice(untested, MAX_TESTED_CHANNELS):
             with suppress(InputError):  # the channel holds no numbers
                 values = channels[name].read(name).ravel(order="F")
                 recording = attrs.evolve(self.recording, channels={name: values})

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Literal, TypeAlias
 
@@ -260,15 +260,14 @@ def judge_trust(
     spread
         Mean over time of how far methods differ in N·m/rad.
     """
-    measured, unnamed = recommendation.measured, recommendation.unnamed_references
-    diagnosis = recommendation.diagnosis
-    found = diagnosis.findings if isinstance(diagnosis, Diagnosis) else ()
-    faults = {each.name: each for each in found}
+    measured, diagnosis = recommendation.measured, recommendation.diagnosis
+    faults = diagnosis.findings if isinstance(diagnosis, Diagnosis) else ()
     has_reference = any(item.kind == "reference" for item in method.inputs)
+    unnamed = () if has_reference else recommendation.unnamed_references
     loop = [] if has_reference else [_reason(each) for each in _of_severity(faults, "closed loop")]
     wrong = _invalidating_fault(model, faults)
     # With a wrong period, any channel seems to move the joint.
-    if not has_reference and "wrong-period" not in faults:
+    if all(each.name != "wrong-period" for each in faults):
         wrong = [*unnamed, *wrong]
     if not (is_suited or unnamed):  # an unnamed reference is the reason for the loop
         wrong += loop
@@ -294,7 +293,7 @@ def judge_trust(
     return "doubtful" if reasons else "good", (*reasons, *cautions)[:MAX_REASONS]
 
 
-def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str]:
+def _invalidating_fault(model: Model, faults: Iterable[Finding]) -> list[str]:
     """Return at most one fault that makes every method wrong: the one that explains the others.
 
     Angles in degrees that are read as radians make a joint 57 times too soft: stiffness is
@@ -311,7 +310,7 @@ def _invalidating_fault(model: Model, faults: Mapping[str, Finding]) -> list[str
     return [_reason(each) for each in invalid[:1]]
 
 
-def _possible_faults(model: Model, method: Method, faults: Mapping[str, Finding]) -> Iterator[str]:
+def _possible_faults(model: Model, method: Method, faults: Sequence[Finding]) -> Iterator[str]:
     """Yield each fault that may make the stiffness wrong, with its remedy."""
     gain = model.estimates.get("reflex_gain")
     if gain is not None and gain.unit == UNITS["reflex_gain"] and is_reflex_detected(model):
@@ -331,9 +330,9 @@ def _possible_faults(model: Model, method: Method, faults: Mapping[str, Finding]
             yield _reason(found)
 
 
-def _of_severity(faults: Mapping[str, Finding], severity: str) -> list[Finding]:
+def _of_severity(faults: Iterable[Finding], severity: str) -> list[Finding]:
     """Return the faults of a severity in the order of the diagnosis: causes before effects."""
-    return [each for each in faults.values() if each.fault.severity == severity]
+    return [each for each in faults if each.fault.severity == severity]
 
 
 def _reason(finding: Finding) -> str:

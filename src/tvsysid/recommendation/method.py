@@ -297,8 +297,7 @@ def measure(known: DataProperties, ensemble: Ensemble, diagnosis: Diagnosis) -> 
 
 def _slow_noise(diagnosis: Diagnosis) -> float:
     """Return the ratio in dB of the noise's mean power density below 5 Hz to that at 8 to 25 Hz."""
-    frequency = diagnosis.curves.frequency
-    power = diagnosis.curves.residual_power
+    frequency, power = diagnosis.curves.frequency, diagnosis.curves.residual_power
     bands = ((frequency > start) & (frequency <= stop) for start, stop in BANDS_HZ)
-    low, high = (float(power[band].mean()) for band in bands)
+    low, high = (power[band].mean() for band in bands)
     return 10 * math.log10(low / high) if low > 0 and high > 0 else math.nan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import cache
 from typing import NamedTuple
 
@@ -11,7 +10,7 @@ import cloudpickle
 import numpy as np
 
 from tvsysid import simulate
-from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.errors import describe_error, without_quality_warnings
 from tvsysid.methods import Method, resolve
 from tvsysid.metrics import vaf
 from tvsysid.models import Model
@@ -50,8 +49,7 @@ def check_method(method: Method) -> list[Check]:
     """
     results: list[Check] = []
     identify_first = cache(lambda: identify_joint(method))
-    with single_thread(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)
+    with single_thread(), without_quality_warnings():
         for check in CHECKS:
             try:
                 passed, happened, advice = check(identify_first())

@@ -6,6 +6,7 @@ import os
 import re
 import sysconfig
 import traceback
+import warnings
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -26,6 +27,11 @@ class DataQualityWarning(UserWarning):
     """Valid input that makes the result doubtful. A model's diagnostics keep these warnings."""
 
 
+def without_quality_warnings() -> warnings.catch_warnings[None]:
+    """Return a context in which warnings about the quality of data are ignored."""
+    return warnings.catch_warnings(action="ignore", category=DataQualityWarning)
+
+
 def printable(text: str) -> str:
     r"""Replace characters that are invisible or that control a terminal by their escapes.
 
@@ -42,7 +48,7 @@ def one_line(text: str) -> str:
     return " ".join(line.strip() for line in printable(text).split("\n"))
 
 
-def by_text(warnings: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+def by_text(warned: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """Group pairs of a source and its warning by the warning.
 
     Examples
@@ -51,7 +57,7 @@ def by_text(warnings: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     {'too few realizations': ['sds', 'esm']}
     """
     groups: dict[str, list[str]] = {}
-    for source, text in dict.fromkeys(warnings):
+    for source, text in dict.fromkeys(warned):
         groups.setdefault(text, []).append(source)
     return groups
 

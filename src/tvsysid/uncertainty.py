@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import attrs
 import numpy as np
 
-from tvsysid.errors import DataQualityWarning, InputError, describe_error
+from tvsysid.errors import DataQualityWarning, InputError, describe_error, without_quality_warnings
 from tvsysid.methods.base import Method
 from tvsysid.models import OVER_TIME, Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
@@ -130,8 +130,7 @@ def bootstrap(method: Method, ensemble: Ensemble, count: int, seed: int) -> Boot
     for times in weights:
         drawn = ensemble.select(np.repeat(np.arange(len(ensemble)), times))
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DataQualityWarning)
+            with without_quality_warnings():
                 found.append(method.identify(drawn))
         except Exception as error:  # a method may fail on few draws that are ill-conditioned
             reasons.append(describe_error(error))

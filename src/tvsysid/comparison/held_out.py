@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 
-from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.errors import DataQualityWarning, describe_error, without_quality_warnings
 from tvsysid.methods import centered_channels
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.threads import single_thread
@@ -55,8 +55,7 @@ def _held_out(found: Comparison, held_out: NDArray[np.int64], label: str) -> Arr
     torque[held_out] = 0.0  # hide it from a method that reads the torque to predict it
     channels = {**ensemble.channels, **centered}
     given = attrs.evolve(ensemble, angle=angle, torque=torque, channels=channels)
-    with warnings.catch_warnings():
+    with without_quality_warnings():
         # The fit to all realizations has warned already.
-        warnings.simplefilter("ignore", DataQualityWarning)
         predicted = deviation(method.refit(given.select(kept), found.models[label]).predict(given))
     return np.stack([measured, predicted[held_out]])

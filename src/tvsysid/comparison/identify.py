@@ -11,7 +11,7 @@ import attrs
 
 from tvsysid.comparison.comparison import Comparison
 from tvsysid.comparison.prepared import PreparedRecording
-from tvsysid.errors import DataQualityWarning, InputError, describe_error
+from tvsysid.errors import DataQualityWarning, InputError, describe_error, without_quality_warnings
 from tvsysid.methods import (
     Evidence,
     Method,
@@ -98,7 +98,7 @@ def compare(
     evidence: dict[str, Evidence] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
-    with single_thread(), warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+    with single_thread(), without_quality_warnings():
         for number, (label, method) in enumerate(queue or _usual(models)):
             progress(number, len(queue) or 3)
             chosen[label] = method

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -15,7 +14,7 @@ import numpy as np
 from tvsysid import preprocess
 from tvsysid.comparison.identify import compare
 from tvsysid.comparison.prepared import Correction, PreparedRecording
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import InputError, without_quality_warnings
 from tvsysid.methods.cascade.reflex_test import prediction_p_value
 from tvsysid.metrics import vaf
 from tvsysid.quality import diagnose, diagnose_recording
@@ -131,7 +130,7 @@ def delay_to_correct(cut: Callable[[float], Ensemble], delay: float) -> tuple[fl
     count = min(map(len, ensembles))
     if count < MIN_REALIZATIONS:
         return delay, "all of it is corrected"
-    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+    with without_quality_warnings():
         found = compare(ensembles[0], ["adaptive"])  # its model is the start for all of them
         predicted = [attrs.evolve(found, ensemble=each).predict_held_out(2) for each in ensembles]
     errors = 100 - np.array([vaf(*each["adaptive"])[:count] for each in predicted])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
@@ -13,7 +12,7 @@ import attrs
 import numpy as np
 import scipy
 
-from tvsysid.errors import DataQualityWarning, describe_error
+from tvsysid.errors import describe_error, without_quality_warnings
 from tvsysid.methods import Method
 from tvsysid.metrics import debiased_bias_error, random_error, rise_time
 from tvsysid.planning.protocol import Protocol, Simulated
@@ -165,8 +164,7 @@ def identify_each(method: Method, ensembles: Iterable[Ensemble]) -> tuple[Array,
     Ensembles in which the method fails are left out.
     """
     found, why = list[Array](), ""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)
+    with without_quality_warnings():
         for each in ensembles:
             try:
                 stiffness = method.identify(subtract_mean(each)).stiffness

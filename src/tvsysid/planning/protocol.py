@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,7 +11,7 @@ import numpy as np
 import scipy
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import InputError, without_quality_warnings
 from tvsysid.methods import AdaptiveRegression, label_of, resolve
 from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, check_ensemble
@@ -158,8 +157,7 @@ class Protocol:
         """
         check_ensemble("plan", ensemble)
         centred = ensemble if ensemble.mean_subtracted else subtract_mean(ensemble)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DataQualityWarning)  # a diagnosis says it better
+        with without_quality_warnings():  # a diagnosis says it better
             model = AdaptiveRegression().identify(centred)
         if np.mean(model.stiffness) < 0:
             raise InputError(NEGATIVE)

@@ -6,7 +6,6 @@ The command line, pages, notebooks, sheet and explorer show this answer.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -15,7 +14,7 @@ import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
-from tvsysid.errors import DataQualityWarning
+from tvsysid.errors import without_quality_warnings
 from tvsysid.methods.adaptive.model import AdaptiveModel, describe_changes
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
@@ -225,8 +224,7 @@ def model_spread(
         if name == label or not weights[name]:
             continue
         if "reflex" in pathways and has_one_pathway(methods[name], model):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DataQualityWarning)
+            with without_quality_warnings():
                 stiffness = methods[name].identify(without_reflex).stiffness
         difference = stiffness - own.stiffness
         if methods[name].time_invariant:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
 import attrs
 
-from tvsysid.errors import DataQualityWarning, InputError
+from tvsysid.errors import InputError, without_quality_warnings
 from tvsysid.methods import METHODS, KernelRegression, from_text, key_of, parse
 from tvsysid.methods.base import Method, reason_to_skip
 from tvsysid.numerics.bands import mean_of
@@ -242,8 +241,7 @@ def recommend(
         ensemble.signal(name)  # raises if there is no such channel
     measured = DataProperties(len(ensemble), reference, scheduling)
     unnamed: tuple[str, ...] = ()
-    with single_thread(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataQualityWarning)
+    with single_thread(), without_quality_warnings():
         try:
             diagnosis = diagnosis or diagnose(ensemble, reference)
         except InputError as error:  # a single realization, or too short

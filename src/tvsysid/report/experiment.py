@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from tvsysid.comparison import compare
-from tvsysid.errors import DataQualityWarning
+from tvsysid.errors import without_quality_warnings
 from tvsysid.figures import (
     Illustration,
     Picture,
@@ -137,7 +136,7 @@ def _answer_for(item: Prepared, methods: Sequence[str]) -> ReportedAnswer:
     label = item.recorded.label
     if not item.ensemble:
         return ReportedAnswer(label, reasons=item.failure)
-    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+    with without_quality_warnings():
         found = compare(item.ensemble, methods)
     answer, diagnosis = found.answer, found.recommendation.diagnosis
     stated = in_text(mean_of(answer.stiffness), answer.half_band, 1) if answer.is_stated else "none"

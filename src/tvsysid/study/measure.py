@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tvsysid import metrics
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, one_line
+from tvsysid.errors import InputError, describe_error, one_line, without_quality_warnings
 from tvsysid.methods import Method
 from tvsysid.methods.base import reason_to_skip
 from tvsysid.models import OVER_TIME, Model
@@ -60,7 +59,7 @@ def measure(method: Method, ensemble: Ensemble, truth: Truth) -> Scores:
     """
     warned = failure = ""
     scores = {f"truth quantity {name}": each for name, each in truth.quantities.items()}
-    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+    with without_quality_warnings():
         try:
             if reason := reason_to_skip(method, ensemble):
                 warned = SKIPPED + reason

@@ -28,7 +28,7 @@ from tvsysid.cli.options import (
     rate_options,
 )
 from tvsysid.cli.running import command_line
-from tvsysid.errors import InputError, printable
+from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
@@ -170,15 +170,7 @@ def _identify_one(
             found = compare(prepared, options.method or [], tune=options.tune, progress=advance)
         with shown_progress("predicting held-out realizations") as advance:
             found = attrs.evolve(found, held_out=found.predict_held_out(progress=advance))
-        written = write_folder(
-            out,
-            found,
-            _source(file, reading),
-            [action for fault, action in prepared.corrections if fault.name != "delay"],
-            command_line(),
-            options.sheet,
-            prepared.recording,
-        )
+        written = write_folder(out, found, prepared, command_line(), options.sheet)
         say(repr(found))
         for note in prepared.notes:
             say(note)
@@ -186,16 +178,6 @@ def _identify_one(
         _show_settings(found)
         say_written(out, written)
     return int(bool(found.failed))
-
-
-def _source(file: Path, reading: Reading) -> dict[str, str]:
-    """Return the file and its channels in words, for the report."""
-    sign = ", sign reversed" if reading.torque_sign == -1 else ""
-    return {
-        "file": printable(file.name),
-        "angle": f"channel {reading.angle}, in {reading.angle_unit}",
-        "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
-    }
 
 
 def _show_diagnosis(comparison: Comparison) -> None:

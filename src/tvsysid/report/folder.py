@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import attrs
 
-from tvsysid.comparison import Comparison
+from tvsysid.comparison import Comparison, PreparedRecording
 from tvsysid.errors import printable
 from tvsysid.figures import save, tuning_curves
 from tvsysid.figures.words import count
@@ -15,17 +15,14 @@ from tvsysid.recordings import write_models, write_table
 from tvsysid.report.diagnosis import recording_illustration
 from tvsysid.report.identification import illustrations, write_identification
 from tvsysid.report.sheet import facts, group_name, write_sheet
-from tvsysid.signals import Recording
 
 
 def write_folder(
     folder: Path,
     found: Comparison,
-    source: Mapping[str, str],
-    corrections: Sequence[str] = (),
+    prepared: PreparedRecording,
     command: str = "",
     sheet: bool = False,
-    recording: Recording | None = None,
 ) -> list[str]:
     """Write all that ``tvsysid identify`` writes.
 
@@ -35,25 +32,23 @@ def write_folder(
         Folder of the files.
     found
         What was found.
-    source, corrections
-        As of :func:`write_identification`.
+    prepared
+        What was identified.
     command
         Command that was typed, for the page.
     sheet
         Whether to write ``sheet.html``, one page of A4.
-    recording
-        Recording to draw on the page.
 
     Returns
     -------
     list of str
         Names of all files.
     """
+    source = _source(prepared)
     title = printable(_title(found, source))
     tables = {"stiffness": found.over_time()}
     on_page = illustrations(found)
-    if recording is not None:
-        on_page["recording"] = recording_illustration(recording, found.ensemble)
+    on_page["recording"] = recording_illustration(prepared.recording, found.ensemble)
     stem = "methods" if "methods" in on_page else "answer"
     impedance = on_page[stem].draw()
     impedance.suptitle(title)
@@ -74,6 +69,7 @@ def write_folder(
     for name, table in tables.items():
         write_table(folder / f"{name}.csv", table)
     page = folder / "report.html"
+    corrections = [action for fault, action in prepared.corrections if fault.name != "delay"]
     write_identification(
         page, found, command, source=source, corrections=corrections, figures=on_page
     )
@@ -84,6 +80,19 @@ def write_folder(
         save(figures[picture.partition(".")[0]], folder / picture)
     pages = ["report.html", *["sheet.html"] * sheet, "models.nc"]
     return [*pages, *(f"{name}.csv" for name in tables), *pictures]
+
+
+def _source(prepared: PreparedRecording) -> dict[str, str]:
+    """Return the file and its channels in words; nothing of a recording without a file."""
+    if prepared.file is None:
+        return {}
+    reading = prepared.reading
+    sign = ", sign reversed" if reading.torque_sign == -1 else ""
+    return {
+        "file": printable(prepared.file.name),
+        "angle": f"channel {reading.angle}, in {reading.angle_unit}",
+        "torque": f"channel {reading.torque}, in {reading.torque_unit.replace('N', 'N·')}{sign}",
+    }
 
 
 def _title(found: Comparison, source: Mapping[str, str]) -> str:

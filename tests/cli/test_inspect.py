@@ -1,6 +1,8 @@
 """`tvsysid inspect`."""
 
+import numpy as np
 import pytest
+from scipy.io import savemat
 from tests.cli.conftest import IDENTIFY, rows_of
 
 import tvsysid as tv
@@ -17,6 +19,9 @@ def test_inspect_lists_and_draws(tvsysid, tmp_path):
     assert "wrote tvsysid-inspect/joint.mat.png" in out
     options = "--angle angle --torque torque --rate 1000 --decimate 100 --period SECONDS"
     assert f"identify it with\ntvsysid identify joint.mat {options}" in out
+    savemat("walk.mat", {"POSITION_SIGNAL": np.ones((9, 2)), "TORQUE_SIGNAL": np.ones((9, 2))})
+    _, out, _ = tvsysid("inspect walk.mat")
+    assert "--angle POSITION_SIGNAL --torque TORQUE_SIGNAL --rate HZ" in out
     assert tvsysid("inspect joint.mat --out deep/inside")[0] == 0
     for folder in ("tvsysid-inspect", "deep/inside"):
         assert (tmp_path / folder / "joint.mat.png").stat().st_size > 5000

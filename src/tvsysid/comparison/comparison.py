@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDS = 5
+ROUNDING = 1e-9  # relative; a quantity that varies less is constant
 SUMMARY = ["method", "stiffness (N·m/rad)", "half_band (N·m/rad)", "lowest (N·m/rad)"]
 SUMMARY += ["lowest at (s)", "highest (N·m/rad)", "highest at (s)", "viscosity (N·m·s/rad)"]
 SUMMARY += ["inertia (kg·m²)", "VAF (%)"]
@@ -60,7 +61,7 @@ class Comparison:
     failed
         Error message of each method that failed.
     diagnosis
-        Diagnosis of the data with the methods' reference, or the reason why there is none.
+        Diagnosis of the data with the methods' reference, if known.
     held_out
         Result of :meth:`predict_held_out`, if known.
     unnamed_references
@@ -74,7 +75,7 @@ class Comparison:
     evidence: Mapping[str, Evidence]
     skipped: Mapping[str, str]
     failed: Mapping[str, str]
-    diagnosis: Diagnosis | str | None = None
+    diagnosis: Diagnosis | None = None
     held_out: Mapping[str, Array] | None = None
     unnamed_references: tuple[str, ...] = ()
 
@@ -294,6 +295,6 @@ def describe_values(
     series = pd.Series(values.ravel(), np.broadcast_to(times, values.size))
     lower, upper = limits
     extremes: list[Any] = [np.nan] * 4
-    if series.nunique() > 1:
+    if series.max() - series.min() > ROUNDING * abs(series.max()):
         extremes = [series.min(), series.idxmin(), series.max(), series.idxmax()]
     return mean_of(values), mean_of(upper - lower) / 2, *extremes

@@ -108,7 +108,7 @@ class Plan:
             return f"{wish}: no method suffices, of those tried; see why in the table."
         setup, needed = self.setups[best.setup], best.realizations or 0
         count = max(needed, MIN_REALIZATIONS)
-        taken = best._replace(seconds=max(best.seconds, setup.seconds(count)))
+        taken = best._replace(seconds=setup.seconds(count))
         more = ", with those at both ends, which lack context"
         more = more if taken.seconds > count * setup.period else ""
         fewer = f" The {needed} in the table suffice only at best." if count > needed else ""

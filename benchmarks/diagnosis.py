@@ -177,7 +177,7 @@ def participant(number: int, perturbation: str) -> tv.Ensemble:
     simulation = tv.simulate.Participant(number).simulate(
         perturbation=tv.simulate.PERTURBATIONS[perturbation]
     )
-    return tv.preprocess.prepare(simulation.recording).ensemble
+    return tv.preprocess.prepare_experiment(simulation.recording).ensemble
 
 
 def survey(console: Console, title: str, ensembles) -> int:  # type: ignore[no-untyped-def]

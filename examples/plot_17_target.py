@@ -18,7 +18,7 @@ print(simulation.recording)
 # Decimate, trim, cut, align to the target, exclude outliers, and subtract the mean. The table has a
 # row for each realization.
 
-preparation = tv.preprocess.prepare(simulation.recording)
+preparation = tv.preprocess.prepare_experiment(simulation.recording)
 table = preparation.table
 print(table.excluded_by.replace("", "kept").value_counts().to_string())
 

@@ -154,7 +154,7 @@ def giving_way(
 def reflexive(gain=5.0, seed=1):
     """A virtual participant with a stretch reflex, prepared."""
     traits = attrs.evolve(tv.simulate.Traits.of(seed), reflex_gain=gain)
-    return tv.preprocess.prepare(
+    return tv.preprocess.prepare_experiment(
         tv.simulate.Participant(seed, traits).simulate().recording
     ).ensemble
 

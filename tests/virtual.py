@@ -37,4 +37,4 @@ def perfect(number: int = 1, **changes: float) -> tv.simulate.Traits:
 
 @cache
 def prepared(number: int, perturbation: str) -> tv.preprocess.Preparation:
-    return tv.preprocess.prepare(simulated(number, perturbation).recording)
+    return tv.preprocess.prepare_experiment(simulated(number, perturbation).recording)

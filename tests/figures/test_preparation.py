@@ -7,7 +7,7 @@ from tests.virtual import prepared, simulated
 from tvsysid.figures import preparation_steps
 from tvsysid.figures.recorded import OUTCOMES
 from tvsysid.figures.style import KEPT
-from tvsysid.preprocess import prepare
+from tvsysid.preprocess import prepare_experiment
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_target_and_limits_are_drawn_and_axes_have_units(figure):
     ],
 )
 def test_steps_that_were_not_taken_are_not_drawn(settings, titles, legend):
-    figure = preparation_steps(prepare(simulated(1).recording, **settings))
+    figure = preparation_steps(prepare_experiment(simulated(1).recording, **settings))
     draw(figure)
     assert [axes.get_title().partition(":")[0] for axes in figure.axes[2:]] == titles
     shown = [text.get_text() for text in figure.legends[0].texts]

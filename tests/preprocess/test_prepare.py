@@ -33,13 +33,13 @@ def test_steps_can_be_left_out_and_channels_pass_the_others():
     emg, posture = 0.1 * recording.torque, np.arange(len(recording)) / 1e3
     recording = attrs.evolve(recording, channels={"emg": emg, "posture": posture})
     settings = {"reference": None, "task_limit": None, "residual_limit": None}
-    plain = tv.preprocess.prepare(recording, **settings, channels=("emg",))
+    plain = tv.preprocess.prepare_experiment(recording, **settings, channels=("emg",))
     assert not plain.steps
     assert len(plain.recorded) == len(plain.ensemble) == plain.kept.sum() == 300
     channels = plain.ensemble.channels
     np.testing.assert_allclose(channels["emg"], 0.1 * plain.ensemble.torque, atol=1e-9)
     assert channels["posture"].mean(axis=0).min() > 1
-    some = tv.preprocess.prepare(recording, reference=None)
+    some = tv.preprocess.prepare_experiment(recording, reference=None)
     assert list(some.steps) == ["task component", "residual"]
     with pytest.raises(tv.InputError, match="there is no 'EMG'; the signals are 'angle', 'torque'"):
-        tv.preprocess.prepare(recording, reference=None, channels=("EMG",))
+        tv.preprocess.prepare_experiment(recording, reference=None, channels=("EMG",))

@@ -12,7 +12,7 @@ from tvsysid.preprocess.prepare import (
     align,
     exclude_residual_outliers,
     exclude_task_outliers,
-    prepare,
+    prepare_experiment,
 )
 from tvsysid.preprocess.trials import Gap, align_channels, decimate, excerpt, segment, trim
 
@@ -29,7 +29,7 @@ __all__ = [
     "exclude_task_outliers",
     "find_gaps",
     "find_mains",
-    "prepare",
+    "prepare_experiment",
     "remove_mains",
     "segment",
     "subtract_mean",

@@ -245,7 +245,7 @@ class Preparation:
         )
 
 
-def prepare(
+def prepare_experiment(
     recording: Recording,
     *,
     reference: str | None = "target",
@@ -298,7 +298,7 @@ def prepare(
     --------
     >>> import tvsysid as tv
     >>> simulation = tv.simulate.Participant(1).simulate()
-    >>> tv.preprocess.prepare(simulation.recording).ensemble
+    >>> tv.preprocess.prepare_experiment(simulation.recording).ensemble
     Ensemble(... realizations of 2 s at 128 Hz, context 0.5 s; ...)
     """
     margin = context if reference is None else context + search

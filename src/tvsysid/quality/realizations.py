@@ -139,8 +139,8 @@ def without_drifting_offsets(data: FittedEnsemble) -> FittedEnsemble:
     "realizations",
     "minor",
     effect="they count as much as the others and pull the result towards theirs",
-    remedy="look at them and exclude them (ensemble.select; tv.preprocess.prepare does it for a "
-    "task with a target)",
+    remedy="look at them and exclude them (ensemble.select; for a task with a target, "
+    "tv.preprocess.prepare_experiment does it)",
 )
 def unlike_realizations(data: FittedEnsemble) -> Measured:
     """Count realizations of other stiffness, response or noise that are not only misaligned."""

@@ -19,7 +19,7 @@ import numpy as np
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import centered_channels
 from tvsysid.numerics.threads import single_thread
-from tvsysid.preprocess import Preparation, bootstrap_weights, excerpt, prepare
+from tvsysid.preprocess import Preparation, bootstrap_weights, excerpt, prepare_experiment
 from tvsysid.progress import Progress, no_progress
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
@@ -143,7 +143,7 @@ def _prepare_recording(
     recording, settings = simulation.recording, experiment.preparation
     needed = centered_channels([each.method for each in experiment.analyses])
     centered = [name for name in needed if name in recording.channels]
-    preparation = prepare(recording, **settings, channels=centered)
+    preparation = prepare_experiment(recording, **settings, channels=centered)
     # The ensemble after the last step, or the recorded one if there was no step
     *_, kept = preparation.recorded, *(step.ensemble for step in preparation.steps.values())
     means = {"mean_torque": "torque", "target_torque": settings["reference"]}

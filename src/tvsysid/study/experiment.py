@@ -12,7 +12,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods import Method, label_of
-from tvsysid.preprocess import prepare
+from tvsysid.preprocess import prepare_experiment
 from tvsysid.preprocess.trials import nearest_rate
 from tvsysid.recordings import Reading
 from tvsysid.study.settings import (
@@ -40,7 +40,7 @@ PAPER = {
 samples, and windows of 12 and 30."""
 PREPARATION = {
     name: setting.default
-    for name, setting in inspect.signature(prepare).parameters.items()
+    for name, setting in inspect.signature(prepare_experiment).parameters.items()
     if name not in ("recording", "channels")
 }
 """How a recording is prepared by default."""
@@ -126,10 +126,10 @@ class Experiment(StudySettings):
         :func:`tvsysid.read_recording`. ``channels`` maps the names that methods use to those in the
         files (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
-        Settings of :func:`tvsysid.preprocess.prepare` that are not its defaults. For files, the
-        default rate is the nearest to 128 Hz that divides theirs and fits the period, and nothing
-        is aligned unless ``reference``, or a channel ``"target"`` in ``reading``, names the torque
-        to be followed. In a TOML file, ``false`` stands for None.
+        Settings of :func:`tvsysid.preprocess.prepare_experiment` that are not its defaults. For
+        files, the default rate is the nearest to 128 Hz that divides theirs and fits the period,
+        and nothing is aligned unless ``reference``, or a channel ``"target"`` in ``reading``, names
+        the torque to be followed. In a TOML file, ``false`` stands for None.
     perturbation
         Which of the perturbations are studied; None takes all there are.
     methods

@@ -22,7 +22,7 @@ def experiment_on(folder, files, **changes):
 @pytest.mark.slow
 def test_a_virtual_participant_is_prepared_as_by_hand(small):
     simulation = simulated(1)
-    by_hand = tv.preprocess.prepare(simulation.recording)
+    by_hand = tv.preprocess.prepare_experiment(simulation.recording)
     prepared = small.prepared[0]
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
     np.testing.assert_array_equal(prepared.preparation.table.excluded_by, by_hand.table.excluded_by)
@@ -41,7 +41,7 @@ def test_files_are_prepared_in_the_order_of_their_names(tmp_path):
     write_trials(tmp_path)
     (prepared,) = prepared_recordings(experiment_on(tmp_path, "trial*.mat"))
     recording = tv.read_trials([tmp_path / f"trial{number}.mat" for number in range(3)], **READING)
-    by_hand = tv.preprocess.prepare(recording, **SHORT)
+    by_hand = tv.preprocess.prepare_experiment(recording, **SHORT)
     np.testing.assert_array_equal(prepared.ensemble.torque, by_hand.ensemble.torque)
     assert [*prepared.over_time] == ["mean_torque"]
     assert prepared.excerpt.duration == pytest.approx(10.0)

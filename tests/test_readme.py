@@ -47,6 +47,7 @@ def test_commands_are_one_line_each(heading, command):
 
 
 @pytest.mark.usefixtures("recorded")
+@pytest.mark.slow
 def test_python_example_runs():
     (code,) = blocks("From Python")
     names = {}

@@ -28,6 +28,7 @@ def test_the_sequence_accounts_for_all_300_realizations():
     assert f"{kept.sum()} of 300 realizations kept; excluded: " in repr(preparation)
 
 
+@pytest.mark.slow
 def test_steps_can_be_left_out_and_channels_pass_the_others():
     recording = simulated(1).recording
     emg, posture = 0.1 * recording.torque, np.arange(len(recording)) / 1e3

@@ -68,6 +68,7 @@ def verdicts(results):
     return judge_experiment(results).set_index("claim").verdict
 
 
+@pytest.mark.slow
 def test_results_like_the_papers_fulfil_every_claim(results):
     table = judge_experiment(results)
     assert list(table.columns) == list(COLUMNS)

@@ -140,7 +140,8 @@ def _answer_for(item: Prepared, methods: Sequence[str]) -> ReportedAnswer:
         found = compare(item.ensemble, methods)
     answer, diagnosis = found.answer, found.recommendation.diagnosis
     stated = in_text(mean_of(answer.stiffness), answer.half_band, 1) if answer.is_stated else "none"
-    row = ReportedAnswer(label, stated, answer.label, " ".join(answer.reasons))
+    reasons = ["Doubtful."] * (answer.trust == "doubtful") + [*answer.reasons]
+    row = ReportedAnswer(label, stated, answer.label, " ".join(reasons))
     if isinstance(diagnosis, Diagnosis):
         return row._replace(diagnosis=diagnosis, picture=diagnosis_picture(diagnosis, label))
     return row

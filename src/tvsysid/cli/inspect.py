@@ -114,10 +114,12 @@ def _show_diagnosis(
     if not repeats:
         remark("note", "repetitions are not checked; if the movement repeats, add --period")
     with errors.status("diagnosing"):
-        settings = attrs.asdict(reading) | attrs.asdict(segmentation)
-        prepared = prepare(file, **settings).center([reference] if reference else [])
+        cutting = attrs.asdict(segmentation)
+        prepared = prepare(file, **attrs.asdict(reading), **cutting)
+        prepared = prepared.center([reference] if reference else [])
         diagnosis = prepared.diagnose(reference)
-        recorded = prepare(file, **settings | {"decimate": None}, align_channels=False).diagnose()
+        cutting["decimate"] = None
+        recorded = prepare(prepared.recording, **cutting, align_channels=False).diagnose()
         sensors = [each for each in recorded.checks if each.name in SENSOR_CHECKS]
         corrected = [fault for fault, _ in prepared.corrections]
         checks = {each.name: each for each in (*diagnosis.checks, *sensors, *corrected)}

@@ -140,8 +140,10 @@ def _answer_for(item: Prepared, methods: Sequence[str]) -> ReportedAnswer:
         found = compare(item.ensemble, methods)
     answer, diagnosis = found.answer, found.recommendation.diagnosis
     stated = in_text(mean_of(answer.stiffness), answer.half_band, 1) if answer.is_stated else "none"
-    reasons = ["Doubtful."] * (answer.trust == "doubtful") + [*answer.reasons]
-    row = ReportedAnswer(label, stated, answer.label, " ".join(reasons))
+    reasons = " ".join(answer.reasons)
+    if answer.trust == "doubtful":
+        reasons = f"Doubtful. {reasons}"
+    row = ReportedAnswer(label, stated, answer.label, reasons)
     if isinstance(diagnosis, Diagnosis):
         return row._replace(diagnosis=diagnosis, picture=diagnosis_picture(diagnosis, label))
     return row

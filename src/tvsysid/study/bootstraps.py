@@ -1,4 +1,4 @@
-"""Cases of an experiment: prepared recordings, of which each bootstrap is a draw."""
+"""Prepare the recordings of an experiment, which are its cases, and draw bootstraps of each."""
 
 from __future__ import annotations
 

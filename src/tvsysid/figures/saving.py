@@ -102,7 +102,6 @@ def drawn(figure: Figure, format: str) -> bytes:
 
     The same figure, the same bytes.
     """
-    from matplotlib.axis import Axis  # noqa: PLC0415  # heavy
     from matplotlib.style import context  # noqa: PLC0415  # heavy
 
     content = BytesIO()
@@ -113,9 +112,6 @@ def drawn(figure: Figure, format: str) -> bytes:
             # Laid out once for all formats.
             engine.execute(figure)
             figure.set_layout_engine(None)
-            for axis in figure.findobj(Axis):
-                place = axis.label.get_transform().transform(axis.label.get_position())
-                axis.set_label_coords(*axis.axes.transAxes.inverted().transform(place))
         figure.savefig(content, format=format, metadata=UNDATED.get(format))
     return content.getvalue()
 

@@ -109,15 +109,22 @@ residual_limit = false
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("is_faulty", [False, True])
 @pytest.mark.usefixtures("undrawn")
-def test_an_experiment_gives_the_same_answer_by_default(recording, tvsysid):
+def test_an_experiment_gives_the_same_answer_by_default(recording, tvsysid, is_faulty):
+    if is_faulty:  # gaps, mains hum, and a delay of 5 ms
+        late = faults.changed(recording, torque=np.roll(recording.torque, 5))
+        recording = faults.humming(faults.gapped(late, count=2))
     np.savez("joint.npz", angle=recording.angle, torque=recording.torque)
     Path("study.toml").write_text(STUDY)
     reading = Reading(angle="angle", torque="torque", sampling_rate=1000)
     settings = Settings(Path("joint.npz"), reading, CUTTING)
-    found = outcome(settings).found
+    shown = outcome(settings)
+    found = shown.found
     assert repr(found) in tvsysid(*shlex.split(settings.command)[1:])[1]
     (prepared,) = prepared_recordings(Experiment.from_toml("study.toml"))
+    assert [*prepared.remarks] == [each for each in shown.prepared.notes if "gaps" not in each]
+    assert len(prepared.remarks) == 2 * is_faulty
     again = tv.compare(prepared.ensemble)
     assert repr(again) == repr(found)
     np.testing.assert_array_equal(again.answer.stiffness, found.answer.stiffness)

@@ -57,11 +57,11 @@ def experiment(
 ) -> int:
     """Identify the stiffness of several participants, with its variability over bootstraps.
 
-    Reads each participant's trials, decimates them, cuts them into realizations, aligns these with
-    the target torque, excludes realizations that differ too much from the others, and lets every
-    method identify 100 bootstraps of 75 and 150 realizations, as van de Ruit et al. (2021) do.
-    Without a file it runs their experiment on six virtual participants, whose true stiffness is
-    known.
+    Reads each participant's trials, corrects mains hum and a late torque, decimates the trials,
+    cuts them into realizations, aligns these with the target torque, excludes realizations that
+    differ too much from the others, and lets every method identify 100 bootstraps of 75 and 150
+    realizations, as van de Ruit et al. (2021) do. Without a file it runs their experiment on six
+    virtual participants, whose true stiffness is known.
 
     Writes to the folder:
 

@@ -2,7 +2,7 @@
 
 from tvsysid.comparison.comparison import Comparison
 from tvsysid.comparison.identify import compare
-from tvsysid.comparison.preparation import prepare
+from tvsysid.comparison.preparation import correct, prepare
 from tvsysid.comparison.prepared import PreparedRecording
 
-__all__ = ["Comparison", "PreparedRecording", "compare", "prepare"]
+__all__ = ["Comparison", "PreparedRecording", "compare", "correct", "prepare"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from tvsysid.errors import InputError, without_quality_warnings
 from tvsysid.methods.cascade.reflex_test import prediction_p_value
 from tvsysid.metrics import vaf
 from tvsysid.quality import diagnose, diagnose_recording
+from tvsysid.quality.checks import judge
 from tvsysid.recordings import read_recording
 from tvsysid.recordings.reading import split_settings
 from tvsysid.recordings.saved import saved_settings
@@ -65,48 +65,40 @@ def prepare(
     """
     file = None if isinstance(source, Recording) else Path(source)
     reading, cutting = split_settings((saved_settings(file) if file else {}) | settings)
-    as_read = source if isinstance(source, Recording) else read_recording(source, reading)
+    recording = source if isinstance(source, Recording) else read_recording(source, reading)
     period, context, rate = cutting.period, cutting.context, cutting.decimate
-    recording, checks = as_read, diagnose_recording(as_read)
-    corrections: list[Correction] = []
+    checks = diagnose_recording(recording)
     gaps = preprocess.find_gaps(recording) if period else ()
-    if remove_mains and checks["mains"].found:
-        mains, _ = preprocess.find_mains(recording)
-        recording = preprocess.remove_mains(recording, mains)
-        action = "mains hum was subtracted from all channels"
-        corrections.append(Correction(checks.pop("mains"), action))
 
-    def decimated(delay: float) -> Recording:
-        aligned = preprocess.align_channels(recording, delay) if delay else recording
-        return preprocess.decimate(aligned, rate, sharp=period is None) if rate else aligned
+    def decimated(recording: Recording) -> Recording:
+        return preprocess.decimate(recording, rate, sharp=period is None) if rate else recording
 
-    @cache
-    def cut(delay: float) -> Ensemble:
-        ensemble = preprocess.segment(decimated(delay), period, context, gaps)
+    def cut(recording: Recording) -> Ensemble:
+        ensemble = preprocess.segment(decimated(recording), period, context, gaps)
         return preprocess.subtract_mean(ensemble) if len(ensemble) > 1 or period else ensemble
 
-    def diagnosed(delay: float) -> Ensemble:
-        if not cut(delay).mean_subtracted:
+    def cut_to_diagnose(recording: Recording) -> Ensemble:
+        ensemble = cut(recording)
+        if not ensemble.mean_subtracted:
             with suppress(InputError):  # the record is too short for two pieces
-                pieces = preprocess.segment(decimated(delay), PIECE_S, context)
+                pieces = preprocess.segment(decimated(recording), PIECE_S, context)
                 return preprocess.subtract_mean(pieces)
-        return cut(delay)
+        return ensemble
 
+    corrected, corrections = correct(
+        recording, cut, cut_to_diagnose, align_channels=align_channels, remove_mains=remove_mains
+    )
+    ensemble = cut(corrected)
     if gaps:
-        every = preprocess.segment(decimated(0.0), period, context)
-        action = f"realizations with gaps were left out ({len(every) - len(cut(0.0))})"
-        corrections.append(Correction(checks.pop("gaps"), action))
-    delay = 0.0
-    with suppress(InputError):  # realizations are too few, or too short
-        found = diagnose(diagnosed(0.0)).findings if align_channels else ()
-        delays = [each for each in found if each.name == "delay"]
-        if delays and not {each.fault.severity for each in found} & {"invalid", "closed loop"}:
-            delay, action = delay_to_correct(cut, delays[0].value / 1000)
-            corrections.append(Correction(delays[0], action))
+        every = preprocess.segment(decimated(corrected), period, context)
+        action = f"realizations with gaps were left out ({len(every) - len(ensemble)})"
+        corrections.append(Correction(checks["gaps"], action))
+    for fault, _ in corrections:
+        checks.pop(fault.name, None)
     return PreparedRecording(
-        as_read,
-        cut(delay),
-        diagnosed(delay),
+        recording,
+        ensemble,
+        cut_to_diagnose(corrected),
         tuple(checks.values()),
         tuple(corrections),
         file,
@@ -114,7 +106,37 @@ def prepare(
     )
 
 
-def delay_to_correct(cut: Callable[[float], Ensemble], delay: float) -> tuple[float, str]:
+def correct(
+    recording: Recording,
+    cut: Callable[[Recording], Ensemble],
+    cut_to_diagnose: Callable[[Recording], Ensemble] | None = None,
+    *,
+    align_channels: bool = True,
+    remove_mains: bool = True,
+) -> tuple[Recording, list[Correction]]:
+    """Subtract mains hum, and correct a delay between angle and torque, where they are found.
+
+    ``cut`` returns the realizations to identify, ``cut_to_diagnose`` those to diagnose if they
+    are others.
+    """
+    corrections = []
+    hum = judge("mains", recording)
+    if remove_mains and hum.found:
+        recording = preprocess.remove_mains(recording, preprocess.find_mains(recording)[0])
+        corrections.append(Correction(hum, "mains hum was subtracted from all channels"))
+    with suppress(InputError):  # realizations are too few, or too short
+        found = diagnose((cut_to_diagnose or cut)(recording)).findings if align_channels else ()
+        delays = [each for each in found if each.name == "delay"]
+        if delays and not {each.fault.severity for each in found} & {"invalid", "closed loop"}:
+            delay, action = delay_to_correct(recording, cut, delays[0].value / 1000)
+            recording = preprocess.align_channels(recording, delay)
+            corrections.append(Correction(delays[0], action))
+    return recording, corrections
+
+
+def delay_to_correct(
+    recording: Recording, cut: Callable[[Recording], Ensemble], delay: float
+) -> tuple[float, str]:
     """Choose how much of a torque delay in s to correct: all of it, half of it or none.
 
     A joint that is not of second order, or a compliant fixture, looks like a delay of another
@@ -122,11 +144,10 @@ def delay_to_correct(cut: Callable[[float], Ensemble], delay: float) -> tuple[fl
     realizations better (p < 0.05). ``adaptive`` predicts them. In a single realization, all of
     the delay is corrected.
 
-    ``cut`` returns the ensemble after correction of a delay in s. Returns the delay to correct in
-    s, and says what is done.
+    Returns the delay to correct in s, and says what is done.
     """
     delays = delay * np.array([0.0, 0.5, 1.0])
-    ensembles = [cut(each) for each in delays]
+    ensembles = [cut(preprocess.align_channels(recording, each)) for each in delays]
     count = min(map(len, ensembles))
     if count < MIN_REALIZATIONS:
         return delay, "all of it is corrected"

@@ -26,6 +26,10 @@ class Correction(NamedTuple):
     fault: Finding
     action: str
 
+    def __str__(self) -> str:
+        """Return the correction as a sentence, with numbers."""
+        return f"{self.fault.what.partition(';')[0]}; {self.action}"
+
 
 @attrs.frozen(eq=False, repr=False)
 class PreparedRecording:
@@ -58,7 +62,7 @@ class PreparedRecording:
     @property
     def notes(self) -> list[str]:
         """The corrections as sentences, with numbers."""
-        return [f"{fault.what.partition(';')[0]}; {action}" for fault, action in self.corrections]
+        return [*map(str, self.corrections)]
 
     def __repr__(self) -> str:
         return "\n".join([repr(self.ensemble), *self.notes])

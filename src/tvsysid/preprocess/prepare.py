@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.preprocess.faults import find_gaps
 from tvsysid.preprocess.mean import subtract_mean
-from tvsysid.preprocess.trials import decimate, segment, trim
+from tvsysid.preprocess.trials import Gap, decimate, segment, trim
 from tvsysid.signals import Array, Ensemble, Recording
 
 if TYPE_CHECKING:
@@ -259,6 +259,7 @@ def prepare_experiment(
     cutoff: float = 5.0,
     residual_limit: float | None = 3.0,
     channels: Iterable[str] = (),
+    gaps: Iterable[Gap] | None = None,
 ) -> Preparation:
     """Decimate, trim, segment, align, exclude outliers, and subtract the mean.
 
@@ -287,6 +288,8 @@ def prepare_experiment(
         leaves that step out.
     channels
         Channels that lose their mean with angle and torque; see :func:`subtract_mean`.
+    gaps
+        Gaps found before mains hum was subtracted, which hides them. None finds them.
 
     References
     ----------
@@ -303,7 +306,8 @@ def prepare_experiment(
     """
     margin = context if reference is None else context + search
     trimmed = trim(decimate(recording, rate), ends, min(margin, ends))
-    kept = recorded = segment(trimmed, period, margin, find_gaps(recording))
+    gaps = find_gaps(recording) if gaps is None else gaps
+    kept = recorded = segment(trimmed, period, margin, gaps)
     steps = {}
     if reference is not None:
         steps["alignment"] = align(kept, reference, search, max_shift)

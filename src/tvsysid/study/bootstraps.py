@@ -16,10 +16,17 @@ from typing import TYPE_CHECKING
 import attrs
 import numpy as np
 
+from tvsysid.comparison import correct
 from tvsysid.errors import DataQualityWarning, InputError
 from tvsysid.methods import centered_channels
 from tvsysid.numerics.threads import single_thread
-from tvsysid.preprocess import Preparation, bootstrap_weights, excerpt, prepare_experiment
+from tvsysid.preprocess import (
+    Preparation,
+    bootstrap_weights,
+    excerpt,
+    find_gaps,
+    prepare_experiment,
+)
 from tvsysid.progress import Progress, no_progress
 from tvsysid.recordings import read_usable_trials
 from tvsysid.signals import Array, Ensemble, Recording
@@ -139,11 +146,23 @@ def _read(experiment: Experiment, patterns: Iterable[str]) -> Recording:
 def _prepare_recording(
     experiment: Experiment, recorded: Recorded, simulation: Simulation
 ) -> Prepared:
-    """Prepare a recording for all analyses. The truth of a simulation goes to ``over_time``."""
+    """Correct and prepare a recording for all analyses.
+
+    The truth of a simulation goes to ``over_time``.
+    """
     recording, settings = simulation.recording, experiment.preparation
     needed = centered_channels([each.method for each in experiment.analyses])
     centered = [name for name in needed if name in recording.channels]
-    preparation = prepare_experiment(recording, **settings, channels=centered)
+    gaps = find_gaps(recording)
+
+    def prepare(recording: Recording) -> Preparation:
+        return prepare_experiment(recording, **settings, channels=centered, gaps=gaps)
+
+    if not isinstance(recorded.source, int):  # virtual participants have no such faults
+        recording, corrections = correct(recording, lambda each: prepare(each).ensemble)
+        for each in corrections:
+            warnings.warn(str(each), DataQualityWarning, stacklevel=2)
+    preparation = prepare(recording)
     # The ensemble after the last step, or the recorded one if there was no step
     *_, kept = preparation.recorded, *(step.ensemble for step in preparation.steps.values())
     means = {"mean_torque": "torque", "target_torque": settings["reference"]}
@@ -156,7 +175,7 @@ def _prepare_recording(
     return Prepared(
         recorded=recorded,
         preparation=preparation,
-        excerpt=excerpt(recording),
+        excerpt=excerpt(simulation.recording),
         ensemble=preparation.ensemble,
         over_time=over_time | {f"truth quantity {name}": each for name, each in truth.items()},
     )

@@ -41,7 +41,7 @@ samples, and windows of 12 and 30."""
 PREPARATION = {
     name: setting.default
     for name, setting in inspect.signature(prepare_experiment).parameters.items()
-    if name not in ("recording", "channels")
+    if name not in ("recording", "channels", "gaps")
 }
 """How a recording is prepared by default."""
 

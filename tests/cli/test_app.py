@@ -51,11 +51,12 @@ def test_without_a_command_the_help_is_shown(tvsysid):
     ("command", "message"),
     [
         (f"identify nowhere.mat {SIGNALS} --decimate 100 --period 2", "nowhere.mat: no such file"),
-        (f"identify joint.mat {SIGNALS}", "--period is missing: the duration of one repetition"),
         (
-            "identify joint.mat --angle angle --rate 100 --period 2",
-            "torque is missing; add --torque.",
+            "identify joint.mat",
+            "missing: angle, torque, sampling_rate, period; add --angle angle --torque torque "
+            "--rate 1000 --decimate 100 --period SECONDS",
         ),
+        ("identify joint.mat --angle angle --rate 100 --period 2", "add --torque torque"),
         ("identify", "FILE requires an argument (see tvsysid identify --help)"),
         (IDENTIFY_JOINT + "--angle pos", "no channel 'pos'; the file holds angle (40000 x 1"),
         (IDENTIFY_JOINT + "--torque-sign 3", "for --torque-sign. Choose from: 1, -1 (see tvsysid"),
@@ -64,7 +65,7 @@ def test_without_a_command_the_help_is_shown(tvsysid):
         (IDENTIFY_JOINT + "--channel emg", "--channel emg: expected NAME=CHANNEL, as in emg=EMG_"),
         (
             "inspect joint.mat --diagnose --period 2",
-            "angle is missing; add --angle",
+            "missing: angle, torque, sampling_rate; add --angle --torque --rate.",
         ),
         (
             IDENTIFY_JOINT.replace("identify", "inspect --diagnose") + "--reference command",

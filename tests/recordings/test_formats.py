@@ -43,7 +43,7 @@ def test_contradictions_to_what_a_file_states_warn(file):
         assert (channel.unit, channel.sampling_rate) == ("", None)
         return
     assert channel.sampling_rate == 200.0
-    with refused("sampling_rate is missing; add --rate 200, which the file states"):
+    with refused("missing: sampling_rate; add --rate 200, which the file states"):
         read(file, None)
     with pytest.warns(tv.DataQualityWarning, match="states 200 Hz, you gave 500 Hz"):
         assert read(file, 500.0).sampling_rate == 500.0

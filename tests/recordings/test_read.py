@@ -47,7 +47,7 @@ def test_units_and_sign(mat, signals):
         ({"torque_sign": 2}, "torque_sign must be one of 1, -1, got 2"),
         ({"columns": "rows"}, "columns must be one of 'contiguous', 'trials', got 'rows'"),
         ({"sampling_rate": 0.0}, "sampling_rate must be a positive number"),
-        ({"sampling_rate": None}, "sampling_rate is missing; add --rate"),
+        ({"sampling_rate": None}, "missing: sampling_rate; add --rate"),
         ({"channels": {"emg": "EMG"}}, "no channel 'EMG'; the file holds pos"),
         ({"channels": ["emg"]}, "--channel emg: expected NAME=CHANNEL"),
         ({"channels": ["emg=a", "emg=b"]}, "--channel emg=a emg=b: .*each name once"),

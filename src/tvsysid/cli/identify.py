@@ -26,6 +26,7 @@ from tvsysid.cli.options import (
     ReadingOptions,
     SegmentationOptions,
     rate_options,
+    suggested_options,
 )
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
@@ -35,10 +36,10 @@ if TYPE_CHECKING:
     from tvsysid.comparison import Comparison
 
 SCHEDULED_METHODS = ["lpv", "lpvkbi"]  # with a scheduling variable
-NO_PERIOD = (
-    "--period is missing: the duration of one repetition of the movement (s). For a joint that is "
-    "held still, any duration will do (--period 2). If nothing repeats, name the channel of a "
-    "variable that the stiffness depends on (--scheduling CHANNEL)"
+ABOUT_PERIOD = (
+    " SECONDS is the duration of one repetition of the movement. For a joint that is held still, "
+    "any duration will do (--period 2). If nothing repeats, name the channel of a variable that "
+    "the stiffness depends on instead (--scheduling CHANNEL)."
 )
 RECORDING_COLUMNS = {
     "recording": "recording",
@@ -148,10 +149,20 @@ def _identify_one(
 ) -> int:
     """Identify one recording, write its folder, print the answer, and return the exit code."""
     from tvsysid.comparison import compare, prepare
+    from tvsysid.recordings import describe_file
     from tvsysid.report import write_folder
 
+    missing = reading.missing
     if segmentation.period is None and "scheduling" not in reading.channels:
-        raise InputError(NO_PERIOD)
+        missing.append("period")
+    if missing:
+        suggested = suggested_options(describe_file(file))
+        options = " ".join(suggested[name] for name in missing)
+        about = ABOUT_PERIOD if "period" in missing else ""
+        raise InputError(
+            f"missing: {', '.join(missing)}; add {options}. Capitals stand for what the file does "
+            f"not state; `tvsysid inspect FILE` lists its channels.{about}"
+        )
     rate = reading.sampling_rate or 0.0
     if segmentation.decimate is None and rate > SLOW_RATE:
         remark(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import attrs
 
 from tvsysid.cli.console import errors, remark, say, show_table
-from tvsysid.cli.options import Flag, ReadingOptions, SegmentationOptions, rate_options
+from tvsysid.cli.options import Flag, ReadingOptions, SegmentationOptions, suggested_options
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
@@ -143,13 +143,7 @@ def _show_diagnosis(
 
 def _show_identify_command(file: Path, channels: Mapping[str, Channel]) -> None:
     """Print the command that identifies the file."""
-    rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
-    rate = rates.pop() if len(rates) == 1 else None
-    words = ["identify", shlex.quote(str(file))]
-    for own, pattern in {"angle": "angle|pos", "torque": "torque|tq"}.items():
-        found = [name for name in channels if re.search(pattern, name, re.IGNORECASE)]
-        chosen = own if own in channels else found[0] if len(found) == 1 else "CHANNEL"
-        words += [f"--{own}", shlex.quote(chosen)]
-    say(f"identify it with\ntvsysid {' '.join(words)} {rate_options(rate)} --period SECONDS")
+    options = " ".join(suggested_options(channels).values())
+    say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {options}")
     if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
         say("if each column of a matrix is a separate trial, add --columns trials")

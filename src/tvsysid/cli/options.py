@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import attrs
 from cyclopts import App, ArgumentCollection, Parameter, default_name_transform
@@ -11,6 +14,9 @@ from cyclopts import App, ArgumentCollection, Parameter, default_name_transform
 from tvsysid.cli.console import remark
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import OPTION_NAMES, Reading, Segmentation, named_channels
+
+if TYPE_CHECKING:
+    from tvsysid.recordings import Channel
 
 NAMES = {**OPTION_NAMES, "methods": "method", "duration_s": "duration"}
 """Names of options that differ from the names of the settings."""
@@ -82,6 +88,18 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     options["channel"] = [f"{own}={name}" for own, name in channels.items()]
     Dict(options, source=str(source), use_commands_as_keys=False)(app, commands, arguments)
     remark("note", f"settings of {source}; options override them")
+
+
+def suggested_options(channels: Mapping[str, Channel]) -> dict[str, str]:
+    """Return the options that identify a file with these channels, by the settings' names."""
+    options = {}
+    for own, pattern in {"angle": "angle|pos", "torque": "torque|tq"}.items():
+        found = [name for name in channels if re.search(pattern, name, re.IGNORECASE)]
+        chosen = own if own in channels else found[0] if len(found) == 1 else "CHANNEL"
+        options[own] = f"--{own} {shlex.quote(chosen)}"
+    rates = {each.sampling_rate for each in channels.values() if each.sampling_rate}
+    rate = rates.pop() if len(rates) == 1 else None
+    return options | {"sampling_rate": rate_options(rate), "period": "--period SECONDS"}
 
 
 def rate_options(rate: float | None) -> str:

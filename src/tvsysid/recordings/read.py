@@ -209,7 +209,7 @@ def _read_signals(
     }
     if reading.sampling_rate is None and len(rates) == 1 and None not in rates:
         rate = f"{rates.pop():g}, which the file states"
-        raise InputError(f"sampling_rate is missing; add --rate {rate}")
+        raise InputError(f"missing: sampling_rate; add --rate {rate}")
     names = reading.names
     if missing := [name for name in names.values() if name not in file_channels]:
         raise InputError(

@@ -105,6 +105,12 @@ class Reading:
             )
 
     @property
+    def missing(self) -> list[str]:
+        """Names of the settings that reading needs and that are not given."""
+        needed = ("angle", "torque", "sampling_rate")
+        return [name for name in needed if getattr(self, name) is None]
+
+    @property
     def names(self) -> dict[str, str]:
         """Channel in the file for each signal of the recording.
 
@@ -113,12 +119,12 @@ class Reading:
         InputError
             If the angle, the torque or the sampling rate is not given.
         """
-        for name in ("angle", "torque", "sampling_rate"):
-            if getattr(self, name) is None:
-                raise InputError(
-                    f"{name} is missing; add --{OPTION_NAMES.get(name, name)}. `tvsysid inspect "
-                    "FILE` lists the channels of a file"
-                )
+        if missing := self.missing:
+            options = " ".join(f"--{OPTION_NAMES.get(name, name)}" for name in missing)
+            raise InputError(
+                f"missing: {', '.join(missing)}; add {options}. `tvsysid inspect FILE` lists the "
+                "channels of a file"
+            )
         return {"angle": str(self.angle), "torque": str(self.torque), **self.channels}
 
 

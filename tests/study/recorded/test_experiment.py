@@ -85,7 +85,7 @@ def test_a_toml_file_says_the_same(tmp_path):
         ),
         (
             {"reading": {"angle": "pos", "torque": "tq"}},
-            r"sampling_rate is missing; add --rate",
+            r"missing: sampling_rate; add --rate",
         ),
         (
             {"reading": READING},

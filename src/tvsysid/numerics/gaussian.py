@@ -163,22 +163,18 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     >>> solve(moments, precision=np.zeros(1)).mean
     array([3.])
     """
-    # Columns are scaled to unit norm, and the prior is added to the diagonal.
-    scale = 1 / np.sqrt(_powers(moments.gram))
+    # A Cholesky factor is as accurate for columns of any units. LAPACK needs column order.
     for jitter in (0.0, JITTER):  # the second allows numerically collinear columns
-        system = np.multiply(moments.gram, scale, order="F")
-        system *= scale[:, None]
+        system = np.array(moments.gram, order="F")
         diagonal = system.ravel(order="F")[:: len(system) + 1]
-        diagonal += noise_variance * precision * scale**2
-        diagonal += jitter * diagonal
+        diagonal += noise_variance * precision + jitter * diagonal
         factor, failed = lapack.dpotrf(system, lower=1, overwrite_a=1)
         if not failed:
             break
     else:
         raise np.linalg.LinAlgError("the posterior precision is not positive definite")
-    mean = scale * lapack.dpotrs(factor, moments.cross * scale, lower=1)[0]
+    mean = lapack.dpotrs(factor, moments.cross, lower=1)[0]
     inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
-    inverse_factor *= scale
     residual = moments.square - float(mean @ moments.cross)
     return Posterior(mean, inverse_factor, precision, noise_variance, residual, moments.number)
 

@@ -46,8 +46,8 @@ class StandardError:
     freedom
         Degrees of freedom: one number, or one for each value.
     arc
-        Sum of the angles whose cosines are the correlations of successive errors, for simultaneous
-        bands (:func:`tvsysid.numerics.bands.arc_length`).
+        Length of the path of the normalized error on the unit sphere, for simultaneous bands
+        (:func:`tvsysid.numerics.bands.arc_length`).
     absent
         Reason why the standard error is unknown at all times. Empty if it is known.
     minimum

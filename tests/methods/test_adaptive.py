@@ -16,7 +16,7 @@ from tests.methods.free_estimates import estimate_of
 import tvsysid as tv
 from tvsysid.methods.adaptive import averaging, evidence, prior, regression, search
 from tvsysid.methods.adaptive.model import MixtureError, Switch, describe_changes
-from tvsysid.methods.adaptive.regression import Signals
+from tvsysid.methods.adaptive.regression import Regressors
 from tvsysid.numerics.differentiation import differentiate
 
 METHOD = tv.AdaptiveRegression()
@@ -93,7 +93,7 @@ def test_steps_are_recorded_as_the_decimation_smears_them(rate, reach):
 
 def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_each_time():
     ensemble = ensemble_of(40.0, "square", "prbs")
-    signals = Signals.of_second_order(ensemble)
+    signals = Regressors.of_second_order(ensemble)
     u, v, a, y = signals.columns
     free = regression.FreeRegression(ensemble, signals)
     design = np.stack([[*np.diag(u[r]), v[r], a[r]] for r in range(len(u))]).swapaxes(1, 2)

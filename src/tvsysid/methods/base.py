@@ -23,7 +23,8 @@ from tvsysid.validators import one_of, with_settings
 if TYPE_CHECKING:
     from tvsysid.methods.tuning import Evidence
 
-ROUNDING = 1e-12  # share of the largest value with context, up to which a signal counts as 0
+# A signal is 0 if its peak without context is at most this share of its peak with context.
+ROUNDING = 1e-12
 Kind = Literal["input", "reference", "scheduling"]
 
 MIN_AGREEMENT_PERCENT = 95.0  # second-order agreement; simulated second-order joints have 99 %

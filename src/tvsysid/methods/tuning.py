@@ -134,6 +134,6 @@ class Tuned(Method):
     identify = fit
 
 
-# What holds with any settings is that of the method.
+# All other attributes of a tuned method are those of the method.
 for _name in {*Method.__annotations__, "skip", "refit"} - {"title", "can_be_tuned"}:
     setattr(Tuned, _name, property(attrgetter(f"method.{_name}")))

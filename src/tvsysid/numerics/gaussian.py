@@ -175,8 +175,8 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
         raise np.linalg.LinAlgError("the posterior precision is not positive definite")
     mean = lapack.dpotrs(factor, moments.cross, lower=1)[0]
     inverse_factor = lapack.dtrtri(factor, lower=1, overwrite_c=1)[0]
-    residual = moments.square - float(mean @ moments.cross)
-    return Posterior(mean, inverse_factor, precision, noise_variance, residual, moments.number)
+    penalized = moments.square - float(mean @ moments.cross)
+    return Posterior(mean, inverse_factor, precision, noise_variance, penalized, moments.number)
 
 
 class FittedWeights(NamedTuple):

@@ -269,8 +269,8 @@ def judge_trust(
         wrong = [*unnamed, *wrong]
     if not (is_suited or unnamed):  # an unnamed reference is the reason for the loop
         wrong += loop
-    # In a closed loop, the right impedance may predict none of the torque. A method with a
-    # reference is therefore judged only where the data hold too little information for any method.
+    # In a closed loop, the right impedance may predict none of the torque. With a reference, these
+    # two reasons therefore count only if the data hold too little information for any method.
     if not wrong and (not has_reference or measured.information < MIN_INFORMATION):
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
@@ -294,9 +294,9 @@ def judge_trust(
 def _invalidating_fault(model: Model, faults: Iterable[Finding]) -> list[str]:
     """Return at most one fault that makes every method wrong: the one that explains the others.
 
-    Angles in degrees that are read as radians make a joint 57 times too soft: stiffness is
-    plausible after this correction. Swapped channels, or another signal in place of the torque,
-    make the joint much softer.
+    Angles in degrees that are read as radians make a joint 57 times too soft. If its mean stiffness
+    times 57 is plausible, the angle's unit is the fault, and not the torque's. Swapped channels, or
+    another signal in place of the torque, make the joint much softer.
     """
     invalid = _of_severity(faults, "invalid")
     if [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]:

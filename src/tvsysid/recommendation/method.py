@@ -184,7 +184,7 @@ class Recommendation:
             key = key_of(text)
             for label, method in methods.items():
                 is_alike = type(method) is METHODS[key]
-                # A method has the settings in the text if they do not change it.
+                # A method that the text's settings do not change has these settings.
                 if is_alike and from_text(text, "method", {key: method}) == method:
                     labels.append(label)
         return labels

@@ -72,7 +72,7 @@ def dataset_of(
 
 
 def labelled(parts: Sequence[Scores], axes: Mapping[str, Sized]) -> xr.Dataset:
-    """Return a dataset of the scores of each combination along the axes, which ``parts`` holds.
+    """Return a dataset of scores: ``parts`` holds those of each combination, the last axis fastest.
 
     Arrays of a part lie over time. ``"estimate quantity stiffness"`` becomes the variable estimate
     at stiffness along quantity.

@@ -142,16 +142,16 @@ def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
         return found
     own, weights = draws.isel(trial=used, bootstrap=used, missing_dims="ignore"), weights[:, used]
     # Replicates of M trials vary less than the trials, by (M - 1) / M. One trial has no spread.
-    factor = used.sum() / (used.sum() - 1 or np.nan)
-    factors = np.full(len(weights), factor)
-    factors[0] = 1.0 if used.sum() > 1 else np.nan
+    unbiased = used.sum() / (used.sum() - 1 or np.nan)
+    of_replicates = np.full(len(weights), unbiased)
+    of_replicates[0] = 1.0 if used.sum() > 1 else np.nan
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # the mean of nothing
         for quantity in map(str, own.quantity.values):
             one, prefix = own.sel(quantity=quantity), "" if quantity == MAIN else f"{quantity} "
             if one.estimate.notnull().any():
-                values = _of_quantity(one, weights, factor, factors)
+                values = _of_quantity(one, weights, unbiased, of_replicates)
                 found |= {prefix + name: each for name, each in values.items()}
-        return found | _of_torque(own, weights, factors)
+        return found | _of_torque(own, weights, of_replicates)
 
 
 def _once(value: float, weights: Array) -> Array:
@@ -159,7 +159,7 @@ def _once(value: float, weights: Array) -> Array:
     return np.append(value, np.full(len(weights) - 1, np.nan))
 
 
-def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array) -> Scores:
+def _of_quantity(own: xr.Dataset, weights: Array, unbiased: float, of_replicates: Array) -> Scores:
     """Return the metrics of a quantity.
 
     The squared bias of M trials includes 1 / M of their variance. That of a replicate includes it
@@ -170,13 +170,13 @@ def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array)
     known = np.isfinite(estimate).all(axis=0)
     random = metrics.random_error(estimate, weights)
     bias = metrics.bias_error(estimate, truth, weights)
-    debiased = np.square(bias) - np.square(random) * (factor * factors - 1)
+    debiased = np.square(bias) - np.square(random) * (unbiased * of_replicates - 1)
     found = {
         "mean": metrics.weighted_mean(estimate[:, known].mean(axis=1), weights),
         "bias_error": bias,
         "debiased_bias_error": np.sqrt(np.maximum(0.0, debiased)),
         "mean_bias": metrics.mean_bias(estimate, truth, weights),
-        "random_error": random * np.sqrt(factor if "bootstrap" in own.dims else factors),
+        "random_error": random * np.sqrt(unbiased if "bootstrap" in own.dims else of_replicates),
         "total_error": metrics.total_error(estimate, truth, weights),
     }
     if "covered" in own:
@@ -184,31 +184,32 @@ def _of_quantity(own: xr.Dataset, weights: Array, factor: float, factors: Array)
     return found
 
 
-def _of_torque(draws: xr.Dataset, weights: Array, factors: Array) -> Scores:
+def _of_torque(draws: xr.Dataset, weights: Array, of_replicates: Array) -> Scores:
     """Return the metrics of the torque, and those at switches of the stiffness."""
-    mean, average = partial(metrics.weighted_mean, weights=weights), partial(np.nanmean, axis=1)
+    over_draws = partial(metrics.weighted_mean, weights=weights)
+    over_time = partial(np.nanmean, axis=1)
     own = draws.sel(quantity=MAIN)
     varying, truth, time = own.time_varying_vaf.values, own.truth.values, own.time.values
-    over_time, off = mean(varying), varying - varying.mean(axis=0)
-    variance = np.maximum(0.0, mean(np.square(off)) - np.square(mean(off)))
-    spread = np.sqrt(variance * factors[:, None])
+    mean, off = over_draws(varying), varying - varying.mean(axis=0)
+    variance = np.maximum(0.0, over_draws(np.square(off)) - np.square(over_draws(off)))
+    spread = np.sqrt(variance * of_replicates[:, None])
 
-    found = {name: mean(own[name]) for name in ("vaf", "bandpassed_vaf", "seconds")} | {
+    found = {name: over_draws(own[name]) for name in ("vaf", "bandpassed_vaf", "seconds")} | {
         "lowest_vaf": _once(own.vaf.values.min(), weights),
-        "lowest_time_varying_vaf": np.nanmin(over_time, axis=1),
-        "time_varying_vaf_sd": average(spread),
-        "time_varying_vaf_sd_soft": average(spread[:, truth < truth.mean()]),
-        "time_varying_vaf_sd_stiff": average(spread[:, truth > truth.mean()]),
+        "lowest_time_varying_vaf": np.nanmin(mean, axis=1),
+        "time_varying_vaf_sd": over_time(spread),
+        "time_varying_vaf_sd_soft": over_time(spread[:, truth < truth.mean()]),
+        "time_varying_vaf_sd_stiff": over_time(spread[:, truth > truth.mean()]),
     }
     for pathway in map(str, draws.pathway.values) if PATHWAY in draws else ():
-        found[f"{pathway} {PATHWAY}"] = mean(draws[PATHWAY].sel(pathway=pathway))
+        found[f"{pathway} {PATHWAY}"] = over_draws(draws[PATHWAY].sel(pathway=pathway))
     distance = from_switch(time, truth)
     if np.isfinite(distance).all():
         near = distance <= AT_SWITCH + 1e-9
-        found["switch_dip"] = average(over_time[:, distance >= AWAY]) - average(over_time[:, near])
+        found["switch_dip"] = over_time(mean[:, distance >= AWAY]) - over_time(mean[:, near])
         rise, upward = 0.1 * np.ptp(truth), np.argmax(truth > np.roll(truth, 1))
-        levels = truth.min() + rise, truth.max() - rise, time[upward]
-        found["rise_time"] = metrics.rise_time(time, own.estimate.values, *levels, weights=weights)
+        switch = truth.min() + rise, truth.max() - rise, time[upward]
+        found["rise_time"] = metrics.rise_time(time, own.estimate.values, *switch, weights=weights)
     return found
 
 

@@ -12,7 +12,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import base, shared
 from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage, average
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
-from tvsysid.methods.adaptive.regression import A, FreeRegression, Signals, V
+from tvsysid.methods.adaptive.regression import A, FreeRegression, Regressors, V
 from tvsysid.methods.adaptive.search import CurveModel
 from tvsysid.methods.adaptive.whitening import pooling_reach
 from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
@@ -181,9 +181,9 @@ class AdaptiveRegression(base.Method):
         most three turns. The third turn searches for no further hypotheses. With a reflex, only
         stiffness is estimated: the viscosity is that of the reflex's model.
         """
-        signals = Signals.of_second_order(ensemble)
+        signals = Regressors.of_second_order(ensemble)
         if selection is not None:
-            signals = Signals.with_reflex(ensemble, selection)
+            signals = Regressors.with_reflex(ensemble, selection)
         free = FreeRegression(ensemble, signals)
         found = dict[str, ModelAverage]()
         for turn in range(1, MAX_TURNS + 1):

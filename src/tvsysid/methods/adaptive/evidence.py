@@ -49,9 +49,10 @@ class Steps(NamedTuple):
 
     ``columns`` (time, step) are the steps as they are recorded, whitened by the noise.
     ``feature_products`` (feature, step) are their products with the features of the smooth part,
-    ``explained`` (coefficient, step) those with its standardized features. What is left of the
-    steps has the products columnsᵀ columns - explainedᵀ explained. ``power`` (step,) are the
-    squares of what is left, and ``cross`` (step,) its products with the estimate.
+    ``explained`` (coefficient, step) those with the standardized features of a :class:`SmoothFit`,
+    without rows before one is fitted. What is left of the steps has the products
+    columnsᵀ columns - explainedᵀ explained. ``power`` (step,) are the squares of what is left, and
+    ``cross`` (step,) its products with the estimate.
     """
 
     positions: Array
@@ -120,7 +121,7 @@ class FreeEstimate:
         return Steps(positions, columns, products[:-1], none, power, products[-1])
 
     @cached_property
-    def window(self) -> Callable[[int, float, float], Steps]:
+    def steps_around(self) -> Callable[[int, float, float], Steps]:
         """Function that returns steps on a grid around a sample, of a given spacing and reach.
 
         Its cache lives as long as the estimate.
@@ -270,8 +271,8 @@ def switch_evidence(
         return np.asarray(free)
     if count < 2:  # the size of a single balanced switch is 0, so it has no evidence
         return np.concatenate([free, np.full_like(free, -np.inf)])
-    ratio = 0.5 * (total**2 / variance + np.log(variance * prior_precision / count))
-    return np.concatenate([free, free - ratio])
+    log_loss = 0.5 * (total**2 / variance + np.log(variance * prior_precision / count))
+    return np.concatenate([free, free - log_loss])
 
 
 def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPrior]:

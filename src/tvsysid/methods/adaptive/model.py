@@ -21,7 +21,7 @@ from tvsysid.signals import Ensemble
 MIN_SWITCH_PROBABILITY = 0.05  # of a switch that is listed
 CERTAIN = 0.995  # probability of a switch from which on the probability is not mentioned
 BISECTIONS = 26  # that find a quantile
-MIN_MARGIN = 1e-3  # share of the usual half width by which a band goes beyond its estimate at least
+MIN_MARGIN = 1e-3  # least half width of a band, as a share of the usual one
 
 
 class Switch(NamedTuple):
@@ -44,7 +44,7 @@ class Switch(NamedTuple):
 class MixtureError(StandardError):
     """Random error of an estimate that is a mixture of possible values.
 
-    Near an undecided switch, the band spans both levels. A band is not negative where none of the
+    Near an undecided switch, the band spans both levels. The band is never negative if none of the
     means of the ``mixture`` is. All times have the same degrees of freedom.
     """
 

@@ -22,7 +22,7 @@ LEVEL = 30.0  # standard deviation of the constant
 AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # prior standard deviations of a smooth part
 MIN_LENGTH = 4.0  # samples; shortest length of a smooth part
 LENGTH_RATIO = 1.6  # from one length to the next
-MAX_LENGTH = 1 / 1.2  # periods; the longest length leaves only the first harmonic
+MAX_LENGTH = 1 / 1.2  # periods; from here on, only the first harmonic exceeds MIN_VARIANCE
 # Cycles per length up to which a squared-exponential process has all but 1e-6 of its variance
 MAX_FREQUENCY = 0.78
 MIN_VARIANCE = 1e-7  # of a harmonic, relative to the first; fainter ones are left out

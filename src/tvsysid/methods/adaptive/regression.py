@@ -39,8 +39,8 @@ U, V, A = range(3)  # angle, velocity, acceleration; constants begin with V, so 
 
 
 @attrs.frozen(eq=False, kw_only=True)
-class Signals:
-    """Signals of realizations, and what is known of their coefficients.
+class Regressors:
+    """Regressors and torque of realizations, and what is known of their coefficients.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Signals:
     change_covariance: Array | float = 0.0
 
     @classmethod
-    def of_second_order(cls, ensemble: Ensemble) -> Signals:
+    def of_second_order(cls, ensemble: Ensemble) -> Regressors:
         """Return the signals of an ensemble without a reflex."""
         edge = missing_edge(HALF_WIDTH, ensemble)
         signals = *ensemble.derivatives(), ensemble.torque[:, ensemble.core]
@@ -81,7 +81,7 @@ class Signals:
         )
 
     @classmethod
-    def with_reflex(cls, ensemble: Ensemble, selection: Selection) -> Signals:
+    def with_reflex(cls, ensemble: Ensemble, selection: Selection) -> Regressors:
         """Return the signals of an ensemble with the selected reflex.
 
         The columns after the acceleration are the angle's differences of higher order (the
@@ -91,7 +91,8 @@ class Signals:
         fit = selection.fit
         data = selection.fit.data
         first, count = data.starts[2] + 1, data.intrinsic_count  # first: after the inertia
-        change = data.features(np.eye(1, len(data.starts), 1)[0])[data.times]  # of viscosity
+        of_viscosity = np.arange(len(data.starts)) == 1
+        change = data.features(of_viscosity)[data.times]
         change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
         torque = data.torque - change @ fit.posterior.mean[:count] * data.signals[1]
         parts = data.signals, fit.reflex_columns, fit.slopes(), torque[None]
@@ -114,6 +115,7 @@ class FreeRegression:
     ``identifiable`` is False if these signals are collinear. The constants are then 0 in the
     directions that the data do not determine. ``whitens`` is False if the residual is misfit.
     ``misfit`` are then the covariances (2, time, time) of viscosity and inertia that it adds.
+    ``weighted`` are products for the estimates, and for their covariance.
     """
 
     coefficients: Array
@@ -123,7 +125,7 @@ class FreeRegression:
     misfit: Array
     whitens: bool
 
-    def __init__(self, ensemble: Ensemble, signals: Signals) -> None:
+    def __init__(self, ensemble: Ensemble, signals: Regressors) -> None:
         self.ensemble = ensemble
         self.signals = signals
         at_times = np.ascontiguousarray(signals.columns.transpose(2, 0, 1))
@@ -152,7 +154,7 @@ class FreeRegression:
             variance = viscosity.variance()
         noise = self._weigh()
         precision = signals.prior_precision / noise
-        if viscosity is not None:  # hold the constant at 0 that would be added to it
+        if viscosity is not None:  # it replaces the constant one, which is held at 0
             precision[0] = HOLDING_PRECISION * self.weighted[0].gram[0, 0]
         free = self._solve(known, precision)
         lags = np.arange(times) / self.ensemble.sampling_rate
@@ -190,7 +192,7 @@ class FreeRegression:
         root = vectors[:, kept] / size[:, None] / np.sqrt(eigenvalues[kept])
         self.constants = root @ (root.T @ cross)
         self.identifiable = bool(kept.all())
-        # An approximate sandwich: noise has so many times the assumed strength for each constant.
+        # An approximate sandwich: for each constant, noise is louder than assumed by this factor.
         louder = np.sqrt(noise_weighted.gram.diagonal() / power)
         self.covariance = root @ root.T * np.outer(louder, louder)
         constants = np.repeat(self.constants[:, None], self.axis.times, axis=1)
@@ -293,11 +295,11 @@ class Products(NamedTuple):
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    ``explaining`` (time, signal) holds the coefficient that fits each further signal: those after
-    the angle or after the velocity, up to the torque. The coefficient is the torque's, less those
-    of the other signals times their constants, and less ``coupling`` (time, time) @ the other free
-    coefficient. ``covariance`` (time, time) is due to noise. ``inertia`` is the index of the
-    acceleration among the signals.
+    Each column of ``explaining`` (time, signal) is the coefficient that would fit one further
+    signal alone: each after the angle, or after the velocity; the torque is last. The coefficient
+    is the torque's, less those of the other signals times their constants, and less ``coupling``
+    (time, time) @ the other free coefficient. ``covariance`` (time, time) is due to noise.
+    ``inertia`` is the index of the acceleration among the signals.
     """
 
     inertia: int
@@ -336,7 +338,7 @@ class FreeCoefficient(NamedTuple):
         return error + inertia * np.outer(by_inertia, by_inertia)
 
 
-def excess_variance(signals: Signals, filters: Array, residual: Array) -> float:
+def excess_variance(signals: Regressors, filters: Array, residual: Array) -> float:
     """Return the variance of the residual's products with velocity, relative to its expectation.
 
     The expectation is that of noise that filters (time, time) make white.

@@ -18,7 +18,8 @@ from tvsysid.numerics import Array
 MAX_SWITCHES = 20  # of a model
 MAX_POSITIONS = 400  # at which one more switch is tried
 MAX_GAIN = 50.0  # largest gain in score that is expected of one more switch
-EXTRA_GAIN = 12.0  # that a second switch may bring beyond the gain of the first
+# A first switch counts as gaining at least this, and a second one may gain this much more.
+EXTRA_GAIN = 12.0
 MAX_JOINT_SWITCHES = 6  # that are placed together
 MAX_JOINT_POSITIONS = 200  # at which they are tried
 MAX_JOINT_SETS = 3  # of these sets that are refined
@@ -36,9 +37,9 @@ class CurveModel(NamedTuple):
 
     ``score`` is that of :class:`SmoothFit`, with switches at exactly these positions and their best
     size prior. If the positions are refined, ``possible_positions`` holds the positions that each
-    switch may have, and their probabilities. ``log_volume`` is the log of the ratio of the
-    evidence, integrated over these positions in samples, to that at the best ones. ``evidence`` is
-    the integrated log evidence, priors included, for a ``size_prior``, an index of the result of
+    switch may have, and their probabilities. ``log_volume`` is the log of the evidence integrated
+    over these positions in samples, less that of the evidence at the best ones. ``evidence`` is the
+    integrated log evidence, priors included, for a ``size_prior``, an index of the result of
     ``switch_evidence``.
     """
 
@@ -78,9 +79,11 @@ class CurveModel(NamedTuple):
         for _ in range(MAX_SWEEPS if len(self.positions) > 1 else 1):
             before = own.positions
             possible_positions = list[tuple[Array, Array]]()
-            for position in before:  # which is now the first switch, and is then the last
+            for position in before:  # take the first switch, move it, and append it
                 others = own.take(slice(1, None))
-                window = smooth.beside(smooth.estimate.window(round(position), spacing, reach))
+                window = smooth.beside(
+                    smooth.estimate.steps_around(round(position), spacing, reach)
+                )
                 scores = smooth.scores_with(others, window)[size_prior]
                 best = int(np.argmax(scores))
                 own = others.joined(window.take(slice(best, best + 1)))
@@ -166,10 +169,12 @@ def joint_switches(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     edges = np.append(np.arange(0, times, -(-times // MAX_JOINT_POSITIONS)), times)
     sums = np.cumsum(np.roll([precision, precision * estimate.values], -cut, axis=1), axis=1)
     sums = np.pad(sums, ((0, 0), (1, 0)))[:, edges]
-    power, cross = sums[:, :, None] - sums[:, None]  # of a level, shape (its end, its start)
+    # Of a constant level, by the edges at its end and its start
+    power, cross = sums[:, :, None] - sums[:, None]
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.divide(cross**2, power, out=np.full(power.shape, -np.inf), where=before)
-    best, paths = gains[:, 0], [list[float]()] * len(edges)  # up to each edge
+    # Gain and switches of the best levels from 0 up to each edge
+    best, paths = gains[:, 0], [list[float]()] * len(edges)
     for count in range(1, MAX_JOINT_SWITCHES + 1):
         paths = [[*paths[last], edges[last]] for last in (best + gains).argmax(axis=1)]
         best = (best + gains).max(axis=1)

@@ -30,7 +30,7 @@ Weights = Literal["white", "residual"]
 NM_PER_DEG = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 # Modulus of the paper's joint at 1 Hz in N·m/rad. By convention, its scale is 1 N·m/deg.
 PAPER_MODULUS = 100.0
-# iterations of the residual weights; a third changes stiffness by 1 % of its standard error
+# iterations of the residual weights; one more changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
 CONVERGED = 1e-5  # relative change of the noise variance at which iterations stop
 ITERATIONS = 50  # maximum number of noise variances tried
@@ -177,7 +177,7 @@ class KernelRegression(shared.ReferenceMethod):
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         impedance = impedances.mean(axis=0)
         impedance[:missing] = impedance[len(impedance) - missing :] = np.nan
-        # The error E is complex: its variance is that of two numbers.
+        # The error E is complex: its variance is twice that of its real part.
         details = {
             "noise_variance": 2 * posterior.noise_variance,
             "second_order_agreement": shared.residual_agreement(instrument, residuals, edge),

@@ -84,6 +84,7 @@ class Kernel:
         harmonics = np.arange(1, 2 * len(variances)) // 2  # a cosine and a sine of each but 0
         wave, slow = np.nonzero(kept[harmonics])
         harmonic = harmonics[wave]
+        # Slow functions have their standard deviations as sizes already.
         precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
         return cls(period, span, l2, nodes, projection, harmonic, wave, slow, precision)
 

@@ -24,7 +24,8 @@ ComplexArray = NDArray[np.complex128]
 BLOCK = 512  # frequencies whose regressors are held at once
 # half-cosines over a run that model the smooth external term, from 0 to 2 cycles
 EXTERNAL_TERMS = 5
-MIN_POWER = 1e-9  # power of a half-cosine in the band per sample, below which it is rounding error
+# A sum of half-cosines with less power per sample in the band than this is rounding error.
+MIN_POWER = 1e-9
 
 
 @attrs.frozen(eq=False)
@@ -38,9 +39,9 @@ class Runs:
     Each run lasts ``periods`` realizations, together ``samples``. All spectra count time from the
     trial's start.
 
-    A *number* is the real or the imaginary part at a fitted frequency. ``weights`` (number,)
-    multiply them. The ``external`` terms (run, term, number) are spectra of half-cosines. A run has
-    ``freedom`` independent numbers.
+    A *component* is the real or the imaginary part at a fitted frequency. ``weights`` (component,)
+    multiply them. The ``external`` terms (run, term, component) are spectra of half-cosines. A run
+    has ``freedom`` independent components.
     """
 
     spectra: ComplexArray
@@ -86,7 +87,7 @@ class Runs:
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
         spectra = spectra[..., np.abs(signed)]
         np.conjugate(spectra, out=spectra, where=signed < 0)
-        # The phase of the harmonics counts from the trial's start.
+        # With this delay of all spectra, shifts by whole harmonics count from the trial's start.
         starts = ensemble.onsets[realizations[:, :1]] % kernel.period
         delay = np.exp(-2j * np.pi * rate / samples * starts * bin_numbers)
         spectra *= delay
@@ -97,11 +98,11 @@ class Runs:
         return cls(spectra, bins, reach, periods, samples, external, freedom, weights)
 
     def rows(self, kernel: Kernel) -> Iterator[tuple[slice, Array]]:
-        """Yield slices of numbers and weighted regressors (row, run, number); the torque is last.
+        """Yield slices of components, and weighted regressors (row, run, component).
 
-        The regressors are each signal times all columns of the kernel. A product with a harmonic is
-        a shift in frequency, exact because a run holds whole periods. Blocks of frequencies keep
-        memory from growing with the record times the columns.
+        The rows are each signal times all columns of the kernel, and the torque. A product with a
+        harmonic is a shift in frequency, exact because a run holds whole periods. Blocks of
+        frequencies keep memory from growing with the record times the columns.
         """
         runs, waves = self.spectra.shape[1], 2 * kernel.highest + 1
         first = np.searchsorted(kernel.wave, np.arange(waves + 1))
@@ -127,10 +128,10 @@ class Runs:
                     part[:, slow, :, low + down : high + down],
                     out=products[:, columns],
                 )
-            numbers = slice(2 * low, 2 * high)
+            components = slice(2 * low, 2 * high)
             parts = rows.view(np.float64)
-            parts *= self.weights[numbers]
-            yield numbers, parts
+            parts *= self.weights[components]
+            yield components, parts
 
 
 @lru_cache(maxsize=4)
@@ -177,12 +178,12 @@ def moments_of(found: Sequence[Runs], kernel: Kernel) -> Moments:
     products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
     for runs in found:
         terms = runs.external * runs.weights
-        powers, axes = np.linalg.eigh(terms[0] @ terms[0].T)
+        powers, axes = np.linalg.eigh(terms[0] @ terms[0].T)  # runs differ in phase alone
         kept = powers > MIN_POWER * runs.samples
         basis = (axes[:, kept] / np.sqrt(powers[kept])).T @ terms
         with_terms = np.zeros((len(basis), size, basis.shape[1]))
-        for numbers, rows in runs.rows(kernel):
-            with_terms += rows.swapaxes(0, 1) @ basis[..., numbers].swapaxes(1, 2)
+        for components, rows in runs.rows(kernel):
+            with_terms += rows.swapaxes(0, 1) @ basis[..., components].swapaxes(1, 2)
             flat = rows.reshape(size, -1).T
             products = blas.dsyrk(1.0, flat, beta=1.0, c=products, trans=1, lower=1, overwrite_c=1)
         mixed.append(with_terms.swapaxes(1, 2).reshape(-1, size))

@@ -114,11 +114,13 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
             "predict how the angle differs between them"
         )
     after, before = lag_samples(ensemble.sampling_rate)
-    whole = np.pad(values, ((0, 0), (before, after)))
+    extended = np.pad(values, ((0, 0), (before, after)))
+    # What was recorded before a realization replaces zeros.
     past = history(ensemble, values, before + ensemble.context)
-    whole[:, : past.shape[1]] = np.where(np.isnan(past), whole[:, : past.shape[1]], past)
+    start = extended[:, : past.shape[1]]
+    start[:] = np.where(np.isnan(past), start, past)
     groups = realization_groups(ensemble.trials, ensemble.onsets)
-    return predicted(whole, ensemble.angle, ensemble.core, ensemble.sampling_rate, groups)
+    return predicted(extended, ensemble.angle, ensemble.core, ensemble.sampling_rate, groups)
 
 
 def _percent(share: float) -> str:

@@ -21,7 +21,8 @@ from tvsysid.numerics.noise import (
 from tvsysid.numerics.second_order import agreement_of_moments, derivative_filters
 from tvsysid.signals import Array, Ensemble
 
-# lag up to which the noise's autocorrelation counts; the angle's own hardly reaches further
+# lag up to which the noise's autocorrelation counts, in products with that of the angle, which ends
+# about there
 MAX_NOISE_LAG_S = 0.25
 MIN_RESIDUAL_SHARE = 0.1  # of the noise's variance
 
@@ -146,8 +147,8 @@ def noise_colour(
     residuals
         Residuals (realization, time) of the fit.
     absorbed
-        Share of the noise's power that the fit explains, before the mean over realizations is
-        subtracted: (lag,) or one number. It falls over lags with the regressors' correlation.
+        Share of the noise's power that the fit explains at lag 0, not yet corrected for a
+        subtracted mean. It is made to fall over lags with the regressors' correlation.
     filters
         Filters (regressor, tap) that give the regressors from lagged angles.
     overlap

@@ -37,7 +37,8 @@ class Windows(NamedTuple):
     ``weights`` (time, lag) and ``rank`` describe the solution. These have shape (time,): the number
     of ``samples`` in the window, the number of ``independent`` ones, the ``noise`` variance and its
     degrees of ``freedom``. ``fit`` (time, 3) is a second-order fit. ``readout`` (time, 3, lag)
-    gives the impedance from the correlations with the torque: the area, and the rest of the fit.
+    gives the impedance from the correlations with the torque: stiffness as the area, viscosity and
+    inertia of the fit.
     """
 
     weights: Array
@@ -61,7 +62,7 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * (lags + margin)
-    # Sample 0 below is the one `margin` before the first time.
+    # In this loop, sample i is time i - margin. Lags are not counted.
     realizations = independent_realizations(ensemble)
     length = times + 2 * margin
     derivative = derivative_filters(lags, ensemble.sampling_rate)
@@ -150,7 +151,8 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     lags = windows.weights.shape[1] // 2
     # The regressors of neighbouring samples are nearly independent. The fit therefore lowers the
     # variance of the residual, but not its autocovariance at other lags.
-    absorbed = np.zeros(2 * half + 1)
+    width = 2 * half + 1
+    absorbed = np.zeros(width)
     absorbed[0] = np.mean(windows.rank / windows.independent)
     covariance = autocovariance(residual(ensemble, windows.weights), 2 * half)
     root = np.linalg.cholesky(toeplitz(noise_correlation(covariance, absorbed)))
@@ -162,13 +164,13 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     edges = [time for time in range(times + 1) if not cut < time < times - cut]
     for start, stop in pairwise(edges):
         begin = max(0, start - cut)
-        end = min(start - cut + len(absorbed), times + 2 * margin)
+        end = min(start - cut + width, times + 2 * margin)
         u = sliding_window_view(angle, end - begin, axis=1)[
             :, begin : begin + stop - start + 2 * lags
         ]
         mixed = np.tensordot(root[: end - begin], u, (0, 2)).reshape(-1, u.shape[1])
         moments = len(mixed) * window_moments(mixed, mixed, lags, lags)
-        readout = windows.readout[start:stop, :, ::-1]
+        readout = windows.readout[start:stop, :, ::-1]  # of ``moments``, earliest sample first
         sums.append(np.sum(readout @ moments * readout, axis=2))
     variances = np.concatenate(sums) * (windows.noise / windows.samples**2)[:, None]
     return np.maximum(variances, 0.0)

@@ -98,7 +98,8 @@ class BasisIRF(shared.ReferenceMethod):
     can_be_tuned = True
     assumptions = (
         "The movement is the same in all realizations.",
-        "Its change over time is a sum of the basis functions chosen; faster changes are missed.",
+        "The joint's change over time is a sum of the basis functions chosen; faster changes are "
+        "missed.",
         "For stiffness: the joint is of second order (inertia, viscosity, stiffness).",
     )
     differs = (

@@ -51,7 +51,8 @@ BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a be
     "%",
     "doubtful",
     effect="the result is a mean of different stiffnesses and describes none of them",
-    remedy="identify the parts of the experiment separately; let people rest or warm up before",
+    remedy="identify the parts of the experiment separately (ensemble.select); let people rest or "
+    "warm up before",
 )
 def drift(data: FittedEnsemble) -> Measured:
     """Compare the stiffness of the second half with that of the first."""

@@ -173,7 +173,8 @@ def feedback(data: FittedEnsemble) -> Measured:
     effect="methods with one pathway include the torque of the stretch reflex in the stiffness: "
     "stiffness and inertia come out too high, viscosity too low, whatever the lags; no band shows "
     "it",
-    remedy="separate the pathways: tv.AdaptiveRegression() (tvsysid identify … --method adaptive)",
+    remedy="use a method that separates the pathways, as adaptive does: tv.AdaptiveRegression() "
+    "(tvsysid identify … --method adaptive)",
 )
 def reflex(data: FittedEnsemble) -> Measured:
     """Test whether late velocity of one direction predicts torque as a stretch reflex does.

@@ -130,9 +130,8 @@ def illustrations(found: Comparison) -> dict[str, Illustration]:
         draw = partial(held_out_prediction, torques, found.ensemble.sampling_rate)
         text = (
             "Measured torque, deviation from the mean over realizations, and that predicted from "
-            "the other realizations; their difference; and its autocorrelation. What is beyond the "
-            "band is predictable and not predicted: noise that is not white, or what the model "
-            "leaves out."
+            "the other realizations; their difference; and its autocorrelation. Values "
+            "outside the band: the noise is coloured, or the model leaves something out."
         )
         drawn["held-out"] = Illustration(draw, f"Torque predicted by {answer.label}", text)
     return drawn

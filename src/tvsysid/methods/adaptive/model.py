@@ -156,10 +156,10 @@ def describe_changes(model: AdaptiveModel) -> list[str]:
                 kind, share = "switch", ""
             size = f"{each.size:+.1f} ± {1.96 * each.size_error:.1f} N·m/rad"
             lines.append(f"{kind} at {each.time:.3f} s: {size}{share}")
-    probability = model.diagnostics.details["smooth_stiffness"]
+    smooth = 100 * model.diagnostics.details["smooth_stiffness"]
     lines.append(
-        f"stiffness changes smoothly{where}: probability {100 * probability:.0f} % "
-        "(otherwise it is constant)"
+        f"stiffness{where}: constant (probability {100 - smooth:.0f} %) or changing smoothly "
+        f"({smooth:.0f} %)"
     )
     if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")

@@ -317,9 +317,9 @@ def _warnings(
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
             "the joint without its reflex is not of second order: its impulse response gives a "
-            f"mean stiffness of {mean:.1f} N·m/rad, a second-order fit from 0.5 to 15 Hz "
-            f"{fitted:.1f}; report the difference as an uncertainty; viscosity and inertia are "
-            "those of that fit"
+            f"mean stiffness of {mean:.1f} N·m/rad, on which that reported rests; a second-order "
+            f"fit from 0.5 to 15 Hz, which gives viscosity and inertia, {fitted:.1f}; report the "
+            "difference as an uncertainty"
         )
     changes = not details["constant"]
     if changes and np.nanmax(upper - gain) > np.nanmax(gain) - np.nanmin(gain):
@@ -344,8 +344,7 @@ def limit_warnings(lost: float) -> Iterator[str]:
     """Warn if the fit loses a share of the torque because quantities keep one sign."""
     if lost > MAX_LOST:
         yield (
-            "a negative viscosity or reflex gain, or a stiffness of both signs, would explain "
-            f"{100 * lost:.1f} % more of the torque, but no joint has these: the torque may have "
-            "the wrong sign, be early or move the angle, or the realizations differ in more than "
-            "the perturbation"
+            f"{100 * lost:.1f} % of the torque fits only a negative viscosity or reflex gain, or a "
+            "stiffness of both signs, which no joint has; possible causes: a wrong sign of the "
+            "torque, an early torque, a closed loop, or realizations that differ"
         )

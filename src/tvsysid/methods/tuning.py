@@ -135,5 +135,5 @@ class Tuned(Method):
 
 
 # All other attributes of a tuned method are those of the method.
-for _name in {*Method.__annotations__, "skip", "refit"} - {"title", "can_be_tuned"}:
+for _name in {*Method.__annotations__, "skip"} - {"title", "can_be_tuned"}:
     setattr(Tuned, _name, property(attrgetter(f"method.{_name}")))

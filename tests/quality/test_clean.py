@@ -35,6 +35,14 @@ def test_without_decimation_and_without_context(perturbation):
     assert_clean(subtract_mean(segment(simulated(60.0, perturbation), 2.0, context=0.0)))
 
 
+@perturbed
+def test_a_reflex_is_no_delay(perturbation):
+    joint = tv.simulate.ReflexJoint(reflex_gain=tv.simulate.Constant(8.0))
+    perturbation = tv.simulate.PERTURBATIONS[perturbation]
+    recording = joint.simulate(60, perturbation=perturbation, snr_db=10, seed=1).recording
+    assert [each.name for each in tv.diagnose(cut(recording)).findings] == ["reflex"]
+
+
 def coloured(ensemble, random):
     """Noise of torque below 10 Hz."""
     white = random.standard_normal(ensemble.torque.shape)

@@ -13,6 +13,8 @@ from tests.independent import ensemble_of, imposed, in_loop
 
 import tvsysid as tv
 from tvsysid.preprocess import decimate, segment, subtract_mean
+from tvsysid.quality.checks import judge
+from tvsysid.quality.fit import FittedEnsemble
 
 perturbed = pytest.mark.parametrize("perturbation", ["noise", "prbs"])
 REPETITION = {
@@ -236,7 +238,8 @@ def test_slow_noise_that_moves_the_angle_is_found_with_the_reference(actuator, w
 @pytest.mark.parametrize(("colour", "bias"), [("pink", -6), ("slow", -11.5)])
 def test_a_small_bias_shows_by_a_command_that_nobody_named(colour, bias):
     angle, torque, command = in_loop(400, colour, 5, seed=1)
-    check = tv.quality.find_reference(ensemble_of(angle, torque, command=command), "command")
+    data = FittedEnsemble.of(ensemble_of(angle, torque, command=command))
+    check = judge("loop-bias", data, "command", False)
     assert check.found
     assert check.value == pytest.approx(bias, abs=1)
 

@@ -2,12 +2,7 @@
 
 from tvsysid.quality.checks import FAULTS, Fault, Finding
 from tvsysid.quality.curves import Curves
-from tvsysid.quality.diagnosis import (
-    Diagnosis,
-    diagnose,
-    diagnose_recording,
-    find_reference,
-)
+from tvsysid.quality.diagnosis import Diagnosis, diagnose, diagnose_recording
 
 __all__ = [
     "FAULTS",
@@ -17,5 +12,4 @@ __all__ = [
     "Finding",
     "diagnose",
     "diagnose_recording",
-    "find_reference",
 ]

@@ -10,7 +10,6 @@ from tvsysid.numerics.spectra import power_share
 from tvsysid.quality.checks import Measured, NotApplicable, check
 from tvsysid.quality.fit import (
     MIN_EXPLAINED,
-    NO_RESPONSE,
     SI_UNITS,
     FittedEnsemble,
     constant_impedance,
@@ -102,9 +101,7 @@ def same_perturbation(data: FittedEnsemble) -> Measured:
         f"{white:.0f} % of the variance by which the angle differs between realizations lies "
         f"above {edge:g} Hz"
     )
-    if data.fit.explained >= MIN_EXPLAINED:
-        return Measured(0.0, f"{what}, but the torque responds to what differs")
-    return Measured(white, f"{what}, and {NO_RESPONSE} where realizations differ")
+    return Measured(0.0 if data.fit.explained >= MIN_EXPLAINED else white, what)
 
 
 @check(

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from tvsysid.methods.cascade.reflex_test import reflex_test_of
 from tvsysid.numerics.interpolation import SINC, advanced, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fit import (
@@ -49,11 +50,10 @@ def delay(data: FittedEnsemble) -> Measured:
     inertia explains that, so the delay is known to some tenths of a millisecond even at 100 Hz.
     A joint that is not of second order, or a torque that moves the angle, has such a part too. So
     the delay must also show where other frequencies count more, without whitening. An early torque
-    in a closed loop is not judged.
+    in a closed loop is not judged. Where there is a reflex, whose torque is late, a delay must show
+    without it.
     """
-    samples = _best_shift(data)
-    for _ in range(STEPS):
-        samples += _remaining_delay(_shifted(data, samples))[0]
+    samples = _delay_in_samples(data)
     aligned = _shifted(data, samples)
     value = 1000 * samples / data.rate
     step, error, change = 1000 / data.rate * _remaining_delay(aligned)
@@ -61,6 +61,11 @@ def delay(data: FittedEnsemble) -> Measured:
     significant &= abs(value) > max(abs(change), abs(step) / MAX_LAST_STEP)
     old, new = (each.mean_impedance[0] for each in (data.fit, aligned))
     if significant:
+        if data.finding("reflex").found:
+            late = reflex_test_of(data.ensemble).torque
+            others = _delay_in_samples(data.changed(torque=data.ensemble.torque - late))
+            if not FAULTS["delay"].beyond(1000 * others / data.rate):
+                raise NotApplicable("the torque of a reflex is late, and the rest is not")
         ratio = aligned.smooth_impedance[0][2] / new[2]
         if not 1 / MAX_INERTIA_RATIO < ratio < MAX_INERTIA_RATIO:
             raise NotApplicable(
@@ -70,12 +75,10 @@ def delay(data: FittedEnsemble) -> Measured:
         is_early = value < -FAULTS["delay"].limit
         if is_early and data.advance(samples).finding("feedback").value > MIN_LOOP_SHARE:
             raise NotApplicable("torque noise moves the angle, which looks like an early torque")
-    removed = 1000 * data.ensemble.delay_removed
-    corrected = f", after a correction by {removed:.3g} ms" if removed else ""
     what = (
-        f"the torque is {abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}"
-        f"{corrected}; that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and "
-        f"viscosity {old[1]:.3g} instead of {new[1]:.3g} N·m·s/rad"
+        f"the torque is {abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}; "
+        f"that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and viscosity "
+        f"{old[1]:.3g} instead of {new[1]:.3g} N·m·s/rad"
     )
     return Measured(value, what, significant)
 
@@ -106,8 +109,8 @@ def _shifted(data: FittedEnsemble, samples: float) -> SecondOrderFit:
     return SecondOrderFit(data.fit.motion, torque)
 
 
-def _best_shift(data: FittedEnsemble) -> float:
-    """Return the shift of the torque in samples that leaves least of it, as far as context goes."""
+def _delay_in_samples(data: FittedEnsemble) -> float:
+    """Return the delay of the torque with which the fit leaves least of it, up to the context."""
     reach = min(round(MAX_DELAY_S * data.rate), data.ensemble.context)
     if reach < 2:
         raise NotApplicable("the realizations have no context to shift them by")
@@ -119,4 +122,6 @@ def _best_shift(data: FittedEnsemble) -> float:
     shift = max(np.clip(whole + FINE_SHIFTS, -reach, reach), key=explained)
     if explained(shift) < MIN_EXPLAINED:
         raise NotApplicable(NO_RESPONSE)
+    for _ in range(STEPS):
+        shift += _remaining_delay(_shifted(data, shift))[0]
     return float(shift)

@@ -198,14 +198,6 @@ def diagnose(
     )
 
 
-def find_reference(ensemble: Ensemble, channel: str) -> Finding:
-    """Run the check ``loop-bias`` with a channel that was not declared as a reference.
-
-    It finds a fault only if the channel drives the angle as a command does.
-    """
-    return judge("loop-bias", FittedEnsemble.of(ensemble), channel, False)
-
-
 def diagnose_recording(recording: Recording) -> dict[str, Finding]:
     """Run the checks ``gaps`` and ``mains`` on a recording that is not decimated."""
     return {name: judge(name, recording) for name in ("gaps", "mains")}

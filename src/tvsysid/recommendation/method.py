@@ -15,8 +15,9 @@ from tvsysid.methods import METHODS, KernelRegression, from_text, key_of, parse
 from tvsysid.methods.base import Method, reason_to_skip
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.threads import single_thread
-from tvsysid.quality import FAULTS, Diagnosis, diagnose, find_reference
-from tvsysid.quality.fit import at_diagnosis_rate
+from tvsysid.quality import FAULTS, Diagnosis, diagnose
+from tvsysid.quality.checks import judge
+from tvsysid.quality.fit import FittedEnsemble, at_diagnosis_rate
 from tvsysid.signals import Ensemble, check_ensemble
 
 BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # slow and fast noise are compared
@@ -260,7 +261,7 @@ def recommend(
 def find_unnamed_references(ensemble: Ensemble, channels: Iterable[str]) -> Iterator[str]:
     """Yield a sentence for each of these channels that moves the angle as a reference does."""
     for name in channels:
-        finding = find_reference(ensemble, name)
+        finding = judge("loop-bias", FittedEnsemble.of(ensemble), name, False)
         if finding.found:
             yield (
                 f"Channel {name!r} moves the angle, and was not named as the reference: "

@@ -41,7 +41,8 @@ class ReflexTest(NamedTuple):
     the reflex predicts better than no reflex, and than a late response that is the same in both
     directions. ``share`` is the smallest share of the squared error that the reflex explains
     (confidence 95 %); it is negative where none is certain. ``stiffness`` is the mean in N·m/rad
-    without a reflex and with it.
+    without a reflex and with it. ``torque`` is that of the reflex in N·m, shape (realization,
+    time), context included; 0 where the past is unknown.
     """
 
     direction: int
@@ -49,6 +50,7 @@ class ReflexTest(NamedTuple):
     over_linear: float
     share: float
     stiffness: tuple[float, float]
+    torque: Array
 
     @property
     def shown(self) -> bool:
@@ -63,13 +65,15 @@ class _Regression(NamedTuple):
     the realization, whose numbers are ``harmonics``. ``mean`` gives the mean stiffness of their
     weights. Then come the late responses of a usual muscle to positive, to negative and to any
     velocity, and responses to either velocity as triangles that make up any response.
-    ``products`` (block, regressor, regressor) are those of neighbouring realizations.
+    ``products`` (block, regressor, regressor) are those of neighbouring realizations. ``samples``
+    are those of the ensemble at which all lags are known.
     """
 
     rows: Array
     products: Array
     harmonics: NDArray[np.int64]
     mean: Array
+    samples: slice
 
     def weights(self, products: Array, late: Sequence[int], harmonics: int = HARMONICS) -> Array:
         """Return least-squares weights of a joint with so many harmonics and of late regressors.
@@ -104,10 +108,10 @@ class _Regression(NamedTuple):
         is_rounding = np.abs(gain) <= ROUNDING * np.sum(torque**2, axis=1)
         return _above_zero(np.where(is_rounding, 0.0, gain / self.errors(simple)))
 
-    def stiffness(self, late: Sequence[int]) -> float:
-        """Return the mean stiffness of a fit to all realizations."""
-        weights = self.weights(self.products.sum(axis=0), late)
-        return float(self.mean @ weights[: len(self.mean)])
+    def fit(self, late: Sequence[int]) -> tuple[float, Array]:
+        """Return the mean stiffness of a fit to all realizations, and the torque that is late."""
+        weights, own = self.weights(self.products.sum(axis=0), late), len(self.mean)
+        return float(self.mean @ weights[:own]), self.rows[..., own:-1] @ weights[own:]
 
 
 def is_time_varying(ensemble: Ensemble) -> bool:
@@ -161,12 +165,16 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     over_none, share_over_none = regression.improvement(none, directed[index])
     over_linear, share_over_linear = regression.improvement(linear, both)
     triangles = range(LINEAR + 1 + index * TRIANGLES, LINEAR + 1 + (index + 1) * TRIANGLES)
+    (one_path, _), (two_paths, late_torque) = map(regression.fit, ((), triangles))
+    torque = np.zeros(ensemble.torque.shape)
+    torque[np.concatenate(ensemble.runs), regression.samples] = late_torque
     return ReflexTest(
         direction=(1, -1)[index],
         over_none=min(1.0, 2 * over_none),  # each of two directions may add to none by chance
         over_linear=over_linear,
         share=min(share_over_none, share_over_linear),
-        stiffness=(regression.stiffness(()), regression.stiffness(triangles)),
+        stiffness=(one_path, two_paths),
+        torque=torque,
     )
 
 
@@ -233,7 +241,8 @@ def _regression(ensemble: Ensemble) -> _Regression:
     width = near.shape[2]
     mean = np.concatenate([np.ones(width), waves.mean(axis=0), np.zeros(waves.shape[1])])
     harmonics = np.pad(np.tile(np.arange(1, HARMONICS + 1), 4), (width, 0))
-    return _Regression(rows, np.stack([each.T @ each for each in flat]), harmonics, mean)
+    products = np.stack([each.T @ each for each in flat])
+    return _Regression(rows, products, harmonics, mean, slice(start, stop))
 
 
 def _blocks(rows: Array) -> list[Array]:

@@ -157,10 +157,10 @@ def _identify_one(
         missing.append("period")
     if missing:
         suggested = suggested_options(describe_file(file))
-        options = " ".join(suggested[name] for name in missing)
+        needed = " ".join(suggested[name] for name in missing)
         about = ABOUT_PERIOD if "period" in missing else ""
         raise InputError(
-            f"missing: {', '.join(missing)}; add {options}. Capitals stand for what the file does "
+            f"missing: {', '.join(missing)}; add {needed}. Capitals stand for what the file does "
             f"not state; `tvsysid inspect FILE` lists its channels.{about}"
         )
     rate = reading.sampling_rate or 0.0

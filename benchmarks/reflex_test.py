@@ -26,6 +26,7 @@ from scipy.signal import butter, lfilter
 
 import tvsysid as tv
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
+from tvsysid.methods.cascade.search import separated
 from tvsysid.quality.fit import at_diagnosis_rate
 
 RELEASE = tv.simulate.StretchReflex(direction=-1)
@@ -93,20 +94,19 @@ def main() -> None:
     table.add_column("stiffness in %\nwith its torque", justify="right")
     wrong, started = 0, time.process_time()
     for case in CASES:
-        tests = [
-            reflex_test_of(at_diagnosis_rate(drawn(case, chosen.first + draw)))
-            for draw in range(chosen.draws)
-        ]
+        draws = range(chosen.first, chosen.first + chosen.draws)
+        ensembles = [at_diagnosis_rate(drawn(case, seed)) for seed in draws]
+        tests = [reflex_test_of(each) for each in ensembles]
         shown = sum(test.shown and test.direction == case.direction for test in tests)
         chances = np.array([[test.over_none, test.over_linear] for test in tests])
         larger = chances.max(axis=1)
-        raised = np.mean([test.stiffness[0] / test.stiffness[1] for test in tests])
+        ratios = [np.divide(*separated(each).stiffness) for each in ensembles]
         table.add_row(
             case.title,
             str(shown),
             *(str(count) for count in (chances < 1e-4).sum(axis=0)),
             *(f"{value:.1e}" for value in (larger.min(), larger.max())),
-            f"{100 * raised:.1f}",
+            f"{100 * np.mean(ratios):.1f}",
         )
         some = any(test.shown for test in tests)
         wrong += {"none": some, "some": False, "all": shown < ENOUGH * chosen.draws}[case.expected]
@@ -151,8 +151,11 @@ def print_real(console: Console, folder: Path) -> None:
         recording = tv.read_recording(
             folder / "tonic_ankle.mat", **names, sampling_rate=1000, torque_sign=-1
         )
+        ensemble = at_diagnosis_rate(prepared(recording))
+        test = reflex_test_of(ensemble)
         console.print(
-            f"{muscle}: {reflex_test_of(at_diagnosis_rate(prepared(recording)))}", highlight=False
+            f"{muscle}: {test}, stiffness {separated(ensemble).stiffness}",
+            highlight=False,
         )
 
 

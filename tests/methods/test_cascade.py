@@ -125,7 +125,8 @@ def test_moments_and_covariance_are_those_of_the_samples(
     columns = every_column(fit)
     coefficients = np.arange(len(columns) - len(free)) / 10
     expected = np.tensordot(coefficients, columns[: -len(free)], 1)
-    np.testing.assert_allclose(np.sum(fit.torques(coefficients), axis=0), expected, atol=1e-9)
+    torques = fit.data.torques(coefficients, fit.reflex_columns)
+    np.testing.assert_allclose(np.sum(torques, axis=0), expected, atol=1e-9)
 
     weights, left, noise = np.zeros((TIMES, TIMES)), fit.residual, np.zeros((TIMES, TIMES))
     correlation = autocorrelation(left, 0.0) * np.sum(left**2) / fit.freedom

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from tvsysid.methods.cascade.reflex_test import reflex_test_of
+from tvsysid.methods.cascade.search import separated
 from tvsysid.numerics.interpolation import SINC, advanced, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fit import (
@@ -62,7 +62,7 @@ def delay(data: FittedEnsemble) -> Measured:
     old, new = (each.mean_impedance[0] for each in (data.fit, aligned))
     if significant:
         if data.finding("reflex").found:
-            late = reflex_test_of(data.ensemble).torque
+            late = separated(data.ensemble).torque
             others = _delay_in_samples(data.changed(torque=data.ensemble.torque - late))
             if not FAULTS["delay"].beyond(1000 * others / data.rate):
                 raise NotApplicable("the torque of a reflex is late, and the rest is not")

@@ -6,6 +6,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
+from tvsysid.methods.cascade.search import separated
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import MIN_PREDICTED, lag_samples, predicted, realization_groups
 from tvsysid.quality.checks import Measured, NotApplicable, check
@@ -186,14 +187,17 @@ def reflex(data: FittedEnsemble) -> Measured:
         test = reflex_test_of(data.ensemble)
     except InputError as error:
         raise NotApplicable(TOO_SHORT) from error
-    one_path, two_paths = test.stiffness
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
         f"{_percent(test.share)} of the residual torque 40 to 330 ms later, better than no reflex "
-        f"(p = {test.over_none:.1g}) and than a linear one (p = {test.over_linear:.1g}); the mean "
-        f"stiffness is {one_path:.3g} N·m/rad with the reflex's torque in it, {two_paths:.3g} "
-        "without"
+        f"(p = {test.over_none:.1g}) and than a linear one (p = {test.over_linear:.1g})"
     )
+    if test.shown:
+        one_path, two_paths = separated(data.ensemble).stiffness
+        what += (
+            f"; the mean stiffness is {one_path:.3g} N·m/rad with the reflex's torque in it, "
+            f"{two_paths:.3g} without"
+        )
     return Measured(100 * max(0.0, test.share), what, test.shown)
 
 

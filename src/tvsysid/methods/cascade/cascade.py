@@ -284,7 +284,7 @@ def _details(selection: Selection) -> dict[str, float]:
         details["direction"] = float(direction)
     else:
         del details["threshold"]
-    torques = used.torques(used.posterior.mean)
+    torques = used.data.torques(used.posterior.mean, used.reflex_columns)
     details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, torques, strict=True)))
     if fit.free or not shown:  # else it is a refit, which holds out nothing
         details["vaf_held_out"] = 100 * used.share()

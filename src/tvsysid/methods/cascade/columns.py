@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from itertools import pairwise
 
@@ -12,13 +13,13 @@ from scipy.linalg import toeplitz
 from scipy.ndimage import correlate1d
 
 from tvsysid.errors import InputError
-from tvsysid.methods.base import fitting_lags, missing_edge
 from tvsysid.methods.cascade.pathways import history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import TAPS, keep_every
 from tvsysid.numerics.differentiation import derivative_weights
 from tvsysid.numerics.gaussian import Moments
+from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.second_order import response_readout
 from tvsysid.signals import Ensemble
 
@@ -31,6 +32,7 @@ HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the respo
 CHANGING = 2  # signals whose coefficients change: angle and velocity
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
+HISTORY_S = 1.0  # of the reflex's drive that is used where it was recorded
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 
 
@@ -140,10 +142,13 @@ class Data:
     @classmethod
     def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int]) -> Data:
         """Return the realizations and times with most samples whose past is recorded."""
-        rate, lags = ensemble.sampling_rate, fitting_lags("JointCascade", MAX_LAG_S, ensemble)
+        rate = ensemble.sampling_rate
+        lags = round(MAX_LAG_S * rate)
+        if lags < 1:
+            raise InputError(f"JointCascade: it takes more than 12.5 Hz, got {rate:g} Hz")
         signals = filtered(ensemble.angle, intrinsic_filters(lags, rate))
         signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
-        edge = missing_edge(lags, ensemble)
+        edge = max(0, lags - ensemble.context)
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
         missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)
@@ -280,6 +285,56 @@ class Data:
     def moments(self, further: Array) -> Moments:
         """Return the moments of intrinsic and further columns."""
         return Moments.of(self.products(further).sum(axis=0), self.number)
+
+    def history(self, ensemble: Ensemble, drive: Array) -> Array:
+        """Return the drive of a reflex with its history, less its mean over realizations.
+
+        The ``drive`` has shape (realization, context + time + context), the result
+        (realization, history + time). It is 0 where nothing was recorded.
+        """
+        samples = round(HISTORY_S * self.rate)
+        known = history(ensemble, drive, samples)[self.rows]
+        return deviations(known[:, self.times.start : samples + self.times.stop])
+
+    def reflex(self, drive: Array, shape: Array, coefficients: Array) -> Array:
+        """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
+
+        The ``drive`` is one with its :meth:`history`. The gain is that at the time of arrival.
+        """
+        rows, times = self.torque.shape
+        response = muscle(shape, drive.shape[1] - times + 1, self.rate)
+        steps = np.arange(self.times.start - len(response) + 1, self.times.stop)
+        gain = self.gain((steps / self.rate + float(shape[3])) / self.period)
+        arriving = drive[:, -len(steps) :] * (gain @ coefficients).T[:, None]
+        lines = arriving.reshape(-1, len(steps))
+        torque = convolve_lags(lines, np.broadcast_to(response, (times, len(response))))
+        return torque.reshape(-1, rows, times)
+
+    def torques(self, coefficients: Array, further: Array) -> tuple[Array, Array]:
+        """Return intrinsic torque and that of further columns (realization, time), less means."""
+        own, others = np.split(coefficients, [self.intrinsic_count])
+        intrinsic = np.einsum("ts,srt->rt", self.over_time(own)[self.times], self.signals)
+        return deviations(intrinsic), deviations(np.tensordot(others, further, 1))
+
+    def residual(self, coefficients: Array, further: Array) -> Array:
+        """Return the torque (realization, time) that coefficients leave."""
+        return np.asarray(self.torque - np.sum(self.torques(coefficients, further), axis=0))
+
+    def held_out(
+        self, products: Array, further: Array, fitted: Callable[[Moments], Array]
+    ) -> Array:
+        """Return the residual torque (realization, time) of each fold, fitted to the other folds.
+
+        ``products`` are those of the further columns. ``fitted`` returns coefficients from moments.
+        The torque is NaN if there is a single fold.
+        """
+        left, total = np.full_like(self.torque, np.nan), products.sum(axis=0)
+        if len(self.folds) > 1:
+            for rows, own in zip(self.folds, products, strict=True):
+                number = self.number * (1 - len(left[rows]) / len(left))
+                coefficients = fitted(Moments.of(total - own, number))
+                left[rows] = self.residual(coefficients, further)[rows]
+        return left
 
     def features(self, weights: Array) -> Array:
         """Return rows (time, column) that give the weighted sum of the signals' coefficients."""

@@ -12,10 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tvsysid.methods.cascade.columns import Data, deviations, muscle
+from tvsysid.methods.cascade.columns import Data
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
-from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.noise import autocorrelation
 
 # Constants of stiffness, viscosity and inertia have an almost flat prior, relative to the noise.
@@ -45,6 +44,7 @@ MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
 ).T
 MAX_STEPS, MAX_HALVINGS = 8, 6  # of Gauss-Newton, and of each of its steps
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
+USUAL_DELAY_S = 0.04  # from velocity to torque
 
 
 @attrs.frozen(eq=False)
@@ -81,31 +81,10 @@ class Fit:
         return self.prior.tuned(USUAL_PARAMETERS)
 
     def reflex(self, coefficients: Array) -> Array:
-        """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
-
-        The gain is that at the time of arrival.
-        """
-        data, (rows, times) = self.data, self.data.torque.shape
+        """Return the torques of a reflex. See :meth:`Data.reflex`."""
         if self.drive is None:
-            return np.zeros((0, rows, times))
-        drive = self.drive(float(self.shape[THRESHOLD]))
-        response = muscle(self.shape, drive.shape[1] - times + 1, data.rate)
-        steps = np.arange(data.times.start - len(response) + 1, data.times.stop)
-        gain = data.gain((steps / data.rate + float(self.shape[DELAY])) / data.period)
-        arriving = drive[:, -len(steps) :] * (gain @ coefficients).T[:, None]
-        lines = arriving.reshape(-1, len(steps))
-        torque = convolve_lags(lines, np.broadcast_to(response, (times, len(response))))
-        return torque.reshape(-1, rows, times)
-
-    def torques(self, coefficients: Array) -> tuple[Array, Array]:
-        """Return intrinsic and reflex torque (realization, time), less their means."""
-        data, (own, gain) = self.data, np.split(coefficients, [self.data.intrinsic_count])
-        torque = np.einsum("ts,srt->rt", data.over_time(own)[data.times], data.signals)
-        return deviations(torque), deviations(self.reflex(gain[:, None]).sum(axis=0))
-
-    def residual_of(self, coefficients: Array) -> Array:
-        """Return the torque (realization, time) that coefficients leave."""
-        return np.asarray(self.data.torque - np.sum(self.torques(coefficients), axis=0))
+            return np.zeros((0, *self.data.torque.shape))
+        return self.data.reflex(self.drive(float(self.shape[THRESHOLD])), self.shape, coefficients)
 
     @cached_property
     def reflex_columns(self) -> Array:
@@ -149,7 +128,7 @@ class Fit:
     @property
     def residual(self) -> Array:
         """Return the residual torque (realization, time)."""
-        return self.residual_of(self.posterior.mean)
+        return self.data.residual(self.posterior.mean, self.reflex_columns)
 
     @cached_property
     def held_out(self) -> Array:
@@ -157,13 +136,11 @@ class Fit:
 
         NaN if there is a single fold.
         """
-        data, left = self.data, np.full_like(self.data.torque, np.nan)
-        if len(data.folds) > 1:
-            for rows, products in zip(data.folds, self.products, strict=True):
-                own = Moments.of(products, len(left[rows]) / len(left) * data.number)
-                mean = posterior_of(self.moments.without(own), self.spread, self.positive).mean
-                left[rows] = self.residual_of(mean)[rows]
-        return left
+
+        def fitted(moments: Moments) -> Array:
+            return posterior_of(moments, self.spread, self.positive).mean
+
+        return self.data.held_out(self.products, self.reflex_columns, fitted)
 
     def share(self) -> float:
         """Return the share of the held-out torque's square that the fit predicts."""
@@ -245,6 +222,11 @@ class Fit:
         """Return the fit with an improved shape, then improved hyperparameters."""
         fit = self.improved()
         return attrs.evolve(fit, parameters=fit.prior.tuned(fit.parameters))
+
+
+def usual_shape(threshold: float = 0.0, delay: float = USUAL_DELAY_S) -> Array:
+    """Return the shape of a reflex with a usual muscle."""
+    return np.array([*MEAN[:THRESHOLD], threshold, delay])
 
 
 def posterior_of(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cached_property, lru_cache
@@ -13,10 +12,19 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.columns import Data, deviations
-from tvsysid.methods.cascade.fit import DAMPING, FREQUENCY, THRESHOLD, USUAL_PARAMETERS, Fit
-from tvsysid.methods.cascade.pathways import MeasuredChannel, Stretch, history
+from tvsysid.methods.cascade.columns import Data
+from tvsysid.methods.cascade.fit import (
+    DAMPING,
+    FREQUENCY,
+    THRESHOLD,
+    USUAL_DELAY_S,
+    USUAL_PARAMETERS,
+    Fit,
+    usual_shape,
+)
+from tvsysid.methods.cascade.pathways import MeasuredChannel, Stretch
 from tvsysid.methods.cascade.reflex_test import (
+    HARMONICS,
     MIN_TESTED_REALIZATIONS,
     prediction_p_value,
     reflex_test_of,
@@ -25,8 +33,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Ensemble
 
-VELOCITY_DELAY_S, EMG_DELAY_S = 0.04, 0.01
-HISTORY_S = 1.0  # of the reflex's drive that is used where it was recorded
+EMG_DELAY_S = 0.01
 INITIAL_THRESHOLD = 0.15  # rad/s
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
@@ -91,20 +98,18 @@ class Search:
 
         The drive has shape (realization, history + time). It is 0 where nothing was recorded.
         """
-        samples, times = round(HISTORY_S * self.ensemble.sampling_rate), self.data.times
 
         @lru_cache(CACHED_DRIVES)
         def drive(threshold: float) -> Array:
             values = self.drive(direction, threshold)(self.ensemble)
-            known = history(self.ensemble, values, samples)[self.data.rows]
-            return deviations(known[:, times.start : samples + times.stop])
+            return self.data.history(self.ensemble, values)
 
         return drive
 
     def _shape(self, threshold: float) -> Array:
         """Return the shape of a reflex with a usual muscle."""
-        usual = VELOCITY_DELAY_S if self.emg is None else EMG_DELAY_S
-        return np.array([math.log(16.0), math.log(0.8), threshold, self.delay or usual])
+        usual = USUAL_DELAY_S if self.emg is None else EMG_DELAY_S
+        return usual_shape(threshold, self.delay or usual)
 
     def fit(self, drive: DriveByThreshold) -> Fit:
         """Return the fit with a reflex. The data choose whether coefficients change over time."""
@@ -163,6 +168,31 @@ class Search:
             gain = data.gain(self.ensemble.time[some] / data.period)
             rows = block_diag(rows, gain if self.emg is None else gain[:0])
         return attrs.evolve(fit, positive=rows)
+
+
+class Separation(NamedTuple):
+    """Pathways of an ensemble with a reflex.
+
+    ``stiffness`` is the mean of least squares without a reflex, and that of the fit with one. The
+    ``torque`` (realization, context + time + context) is that of the reflex; 0 where none is
+    fitted.
+    """
+
+    stiffness: tuple[float, float]
+    torque: Array
+
+
+@lru_cache(maxsize=1)  # checks ask for the same ensemble
+def separated(ensemble: Ensemble) -> Separation:
+    """Separate the pathways with the reflex that predicts best, whether it is shown or not."""
+    search = Search(ensemble, (HARMONICS, HARMONICS, 0), None, None)
+    fit = search.fit(search.drive_by_threshold(reflex_test_of(ensemble).direction))
+    means = (each.posterior.mean for each in (Fit(search.data, None, fit.shape, []), fit))
+    without, beside = (float(each[0]) for each in means)
+    torque = np.zeros(ensemble.torque.shape)
+    fitted = fit.data.torques(fit.posterior.mean, fit.reflex_columns)[1]
+    torque[:, ensemble.core][fit.data.rows, fit.data.times] = fitted
+    return Separation((without, beside), torque)
 
 
 def _refined(fit: Fit) -> Fit:

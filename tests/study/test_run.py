@@ -11,7 +11,7 @@ from tests.study.conftest import SMALL, Mine, same
 import tvsysid as tv
 from tvsysid.study import Study, estimate_duration, run
 from tvsysid.study.trials import draw
-from tvsysid.study.workers import in_processes
+from tvsysid.study.workers import local_workers
 
 SHORT = {"duration_s": 40, "trials": 3, "perturbation": "prbs", "methods": "sds"}
 
@@ -103,5 +103,5 @@ def test_a_plan_tells_number_and_time():
 @pytest.mark.slow
 def test_a_worker_that_dies_while_answers_are_found_is_told_in_one_line():
     message = "Run the same command again to resume"
-    with pytest.raises(tv.InputError, match=message), in_processes(os._exit, [1, 1], 2) as found:
-        list(found)
+    with pytest.raises(tv.InputError, match=message), local_workers(2) as pool:
+        list(pool.map(os._exit, [1, 1]))

@@ -10,7 +10,7 @@ import attrs
 from tvsysid.cli.console import errors, say
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_study
-from tvsysid.cli.running import command_line, run_study, show_plan
+from tvsysid.cli.running import command_line, opened, run_study, show_plan
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -119,7 +119,9 @@ def benchmark(
             say(scenario.label)
         trials = f"{study.trials} trials of each of {len(study.scenarios)} scenarios"
         return show_plan(study, workers, f"{trials}, seed {study.seed}")
-    return write(run_study(study, out, workers), out, command_line())
+    with opened(workers) as (executor, count):
+        results = run_study(study, out, executor, count)
+    return write(results, out, command_line())
 
 
 def write(results: xr.Dataset, out: Path, command: str) -> int:

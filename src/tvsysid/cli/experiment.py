@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import attrs
 
 from tvsysid.cli.console import errors, remark, shown_progress
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_study
-from tvsysid.cli.running import command_line, run_study, show_plan
+from tvsysid.cli.running import command_line, opened, run_study, show_plan
 from tvsysid.errors import InputError
 
 if TYPE_CHECKING:
@@ -118,8 +118,10 @@ def experiment(
         raise InputError("no recording can be used; correct the errors above")
     if dry_run:
         return show_plan(study, workers, f"{study.bootstraps} draws, seed {study.seed}", prepared)
-    results = run_study(study, out, workers, prepared=prepared)
-    return write(results, prepared, out, command_line(), workers.workers)
+    with opened(workers) as (executor, count):
+        results = run_study(study, out, executor, count, prepared)
+        call_each = executor.map if executor else map
+        return write(results, prepared, out, command_line(), call_each)
 
 
 def write(
@@ -127,11 +129,11 @@ def write(
     prepared: Sequence[Prepared],
     out: Path,
     command: str,
-    workers: int | None = None,
+    call_each: Callable[..., Iterator[Any]] = map,
 ) -> int:
     """Write tables, ensembles, figures and report, print a summary, and return the exit code."""
     from tvsysid.studies.van_de_ruit_2021.experiment import write_experiment
 
     with errors.status("scoring and drawing"):
-        written = write_experiment(results, prepared, out, command, workers)
+        written = write_experiment(results, prepared, out, command, call_each)
     return show_study(written, results, out, "perturbation", "what the report says")

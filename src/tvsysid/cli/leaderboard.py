@@ -7,7 +7,7 @@ from pathlib import Path
 from tvsysid.cli.console import errors, show_table
 from tvsysid.cli.options import Methods, WorkerOptions, Workers, given
 from tvsysid.cli.results import show_end
-from tvsysid.cli.running import run_study
+from tvsysid.cli.running import opened, run_study
 
 
 def leaderboard(
@@ -52,7 +52,8 @@ def leaderboard(
     from tvsysid.studies.leaderboard import FILES, study_of, write_leaderboard
 
     study = study_of(method or (), **given(trials=trials, seed=seed))
-    results = run_study(study, out, workers)
+    with opened(workers) as (executor, count):
+        results = run_study(study, out, executor, count)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)
     columns = {

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -26,23 +27,37 @@ def command_line() -> str:
     return shlex.join(["tvsysid", *sys.argv[1:]])
 
 
-def run_study(study: Study | Experiment, out: Path, workers: Workers, **inputs: Any) -> xr.Dataset:
-    """Run the missing tasks of a study in a folder, with progress.
+@contextmanager
+def opened(workers: Workers) -> Iterator[tuple[Executor | None, int]]:
+    """Open the executor of a study, and yield it with the number of its workers."""
+    from tvsysid.study.workers import cores, local_workers
 
-    ``inputs`` are further arguments of :func:`tvsysid.study.run`.
-    """
+    if workers.scheduler is None:
+        count = workers.workers or cores()
+        with local_workers(count) as pool:
+            yield pool, count
+    else:
+        with _dask_client(workers.scheduler) as client:
+            count = workers.workers or sum(client.nthreads().values())
+            yield client.get_executor(pure=False), count
+
+
+def run_study(
+    study: Study | Experiment,
+    out: Path,
+    executor: Executor | None,
+    workers: int,
+    prepared: Sequence[Prepared] = (),
+) -> xr.Dataset:
+    """Run the missing tasks of a study in a folder, with progress."""
     from tvsysid.study import run
 
-    count = workers.workers
-    with ExitStack() as stack:
-        if workers.scheduler is not None:
-            client = stack.enter_context(_dask_client(workers.scheduler))
-            inputs["executor"] = client.get_executor(pure=False)
-            count = count or sum(client.nthreads().values())
-        advance = stack.enter_context(shown_progress("running"))
-        for module in ("xarray", "matplotlib.pyplot"):  # for the results; loaded while workers run
-            Thread(target=import_module, args=(module,)).start()
-        return run(study, out, workers=count, progress=advance, **inputs)
+    for module in ("xarray", "matplotlib.pyplot"):  # for the results; loaded while workers run
+        Thread(target=import_module, args=(module,)).start()
+    with shown_progress("running") as progress:
+        return run(
+            study, out, prepared=prepared, workers=workers, executor=executor, progress=progress
+        )
 
 
 def show_plan(

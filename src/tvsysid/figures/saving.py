@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -58,7 +58,9 @@ class Picture:
 
 
 def draw_all(
-    illustrations: Mapping[str, Illustration], folder: str | Path | None = None
+    illustrations: Mapping[str, Illustration],
+    folder: str | Path | None = None,
+    call_each: Callable[..., Iterator[Any]] = map,
 ) -> dict[str, Picture]:
     """Draw figures, and save each as SVG, PNG and PDF.
 
@@ -68,17 +70,25 @@ def draw_all(
         By the stem of the file's name, which may name a folder too, as in ``"participants/P1"``.
     folder
         Where the files go; each appears whole or not at all. None saves nothing.
+    call_each
+        Calls a function of each item. The ``map`` of an executor draws in its workers.
     """
+    formats = ("svg",) if folder is None else ("svg", "png", "pdf")
     pictures = {}
-    for stem, each in illustrations.items():
-        figure = each.draw()
-        svg = drawn(figure, "svg")
-        pictures[stem] = Picture(each.title, each.description, svg, *size_in_pixels(figure))
+    results = call_each(partial(_draw, formats=formats), illustrations.values())
+    for stem, (picture, contents) in zip(illustrations, results, strict=True):
+        pictures[stem] = picture
         if folder is not None:
-            _write(svg, Path(folder) / f"{stem}.svg")
-            for format in ("png", "pdf"):
-                _write(drawn(figure, format), Path(folder) / f"{stem}.{format}")
+            for format, content in contents.items():
+                _write(content, Path(folder) / f"{stem}.{format}")
     return pictures
+
+
+def _draw(illustration: Illustration, formats: Sequence[str]) -> tuple[Picture, dict[str, bytes]]:
+    figure = illustration.draw()
+    contents = {format: drawn(figure, format) for format in formats}
+    title, text = illustration.title, illustration.description
+    return Picture(title, text, contents["svg"], *size_in_pixels(figure)), contents
 
 
 def save(figure: Figure, path: str | Path) -> None:

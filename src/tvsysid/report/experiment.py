@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,7 +29,6 @@ from tvsysid.report.diagnosis import diagnosis_picture
 from tvsysid.report.page import in_text, render
 from tvsysid.report.studies import best_methods, common, metric_columns, settings_of
 from tvsysid.study import Prepared
-from tvsysid.study.workers import in_processes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,15 +118,17 @@ class ReportedAnswer(NamedTuple):
 
 
 def stiffness_to_report(
-    prepared: Sequence[Prepared], results: xr.Dataset, workers: int | None = None
-) -> AbstractContextManager[Iterator[ReportedAnswer]]:
-    """Begin to find the answer for each recording, as :func:`tvsysid.compare` gives it.
+    prepared: Sequence[Prepared],
+    results: xr.Dataset,
+    call_each: Callable[..., Iterator[ReportedAnswer]] = map,
+) -> Iterator[ReportedAnswer]:
+    """Find the answer for each recording, as :func:`tvsysid.compare` gives it.
 
-    Worker processes work while the caller draws. Methods with a reference channel take the place
-    of the usual ones, if the experiment has any.
+    Methods with a reference channel take the place of the usual ones, if the experiment has any.
+    ``call_each`` is as for :func:`tvsysid.figures.draw_all`.
     """
     methods = [each for each in dict.fromkeys(results.method_key.values) if "reference=" in each]
-    return in_processes(partial(_answer_for, methods=methods), prepared, workers)
+    return call_each(partial(_answer_for, methods=methods), prepared)
 
 
 @single_thread()

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar
 
 import cloudpickle
 
 from tvsysid.errors import InputError, one_line
 from tvsysid.study.measure import Scores
 from tvsysid.study.tasks import Task, run_pickled, run_task
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 RESUME = "Run the same command again to resume"
 UNKNOWN_WORKERS = 32  # workers that an executor is assumed to have
@@ -54,29 +51,13 @@ def run_tasks(
     """
     if executor is not None:
         yield from _by_executor(tasks, executor, workers or UNKNOWN_WORKERS)
-    elif (count := min(workers or cores(), len(tasks))) > 1:
-        with _processes(count) as pool:
-            yield from _by_executor(tasks, pool, count)
-    else:
-        yield from ((file, run_task(task)) for file, task in tasks.items())
-
-
-@contextmanager
-def in_processes(
-    function: Callable[[T], R], items: Sequence[T], workers: int | None = None
-) -> Iterator[Iterator[R]]:
-    """Begin to call a function of each item in local processes.
-
-    An InputError is raised if a worker dies.
-    """
-    if (count := min(workers or cores(), len(items))) < 2:
-        yield map(function, items)
         return
-    try:
-        with _processes(count) as pool:
-            yield pool.map(function, items)
-    except BrokenProcessPool as error:
-        raise InputError(f"a worker failed: {error} {RESUME}") from error
+    count = min(workers or cores(), len(tasks))
+    with local_workers(count) as pool:
+        if pool:
+            yield from _by_executor(tasks, pool, count)
+        else:
+            yield from ((file, run_task(task)) for file, task in tasks.items())
 
 
 def _by_executor(
@@ -110,13 +91,24 @@ def _by_executor(
 
 
 @contextmanager
-def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Start local processes, which end with this one and ignore interruptions."""
+def local_workers(count: int) -> Iterator[Executor | None]:
+    """Open local processes, which end with this one and ignore interruptions; None for one.
+
+    Raises
+    ------
+    InputError
+        If a worker dies.
+    """
+    if count < 2:
+        yield None
+        return
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, context, initializer=_begin)
     try:
         yield pool
+    except BrokenProcessPool as error:
+        raise InputError(f"a worker failed: {error} {RESUME}") from error
     except BaseException:
         # Nobody waits for what is under way, least of all for a method that hangs.
         for worker in pool._processes.values():
@@ -131,6 +123,8 @@ def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
 def _begin() -> None:
     """Make a worker ignore interruptions, and end with its parent, even with one that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # As the command line does: looking for garbage would take a tenth of the time of drawing.
+    gc.set_threshold(100_000)
 
     def follow() -> None:
         if parent := multiprocessing.parent_process():

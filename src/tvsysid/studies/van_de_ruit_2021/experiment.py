@@ -7,10 +7,10 @@ thresholds: those here are ours, and part of the sentences.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import sem
@@ -223,7 +223,7 @@ def write_experiment(
     prepared: Sequence[Prepared],
     folder: Path,
     command: str = "",
-    workers: int | None = None,
+    call_each: Callable[..., Iterator[Any]] = map,
 ) -> Written:
     """Write tables, ensembles, figures and pages of an experiment.
 
@@ -234,23 +234,24 @@ def write_experiment(
     prepared
         The recordings; none, if they are gone: then ``answers.csv``, ``exclusions.csv`` and
         ``prepared/`` stay as they are.
-    workers
-        Processes that find the stiffness to report of each recording.
+    call_each
+        Calls a function of each item. The ``map`` of an executor finds the stiffness to report, and
+        draws, in its workers.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
     results = results.load()
+    found = stiffness_to_report(prepared, results, call_each)
     summary, claims = summarize(results), judge_experiment(results)
     tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}
     if len(claims):
         tables["claims.csv"] = claims
     files = ["report.html", "figures/"]
     diagnoses: dict[str, Diagnosis] = {}
-    with stiffness_to_report(prepared, results, workers) as found:
-        figures = experiment_figures(results, summary, prepared)
-        pictures = draw_all(figures, folder / "figures")
-        reported = list(found)
+    figures = experiment_figures(results, summary, prepared)
+    pictures = draw_all(figures, folder / "figures", call_each)
     if prepared:
+        reported = list(found)
         rows = [each[: len(REPORTED)] for each in reported]
         tables["answers.csv"] = pd.DataFrame(rows, columns=REPORTED)
         diagnoses = {each.recording: each.diagnosis for each in reported if each.diagnosis}

@@ -155,8 +155,8 @@ class Recording(Signals):
     channels
         Further signals by name, each of shape (time,).
     origin
-        Time 0 of this recording, in s on the time axis of the original trial. It is above 0 if the
-        beginning of the trial was removed.
+        Where time 0 of this recording lies on the time axis of the original trial, in s. It is
+        above 0 if the beginning of the trial was removed.
     delay_removed
         Delay of the torque in s that :func:`tvsysid.preprocess.align_channels` corrected.
     recorded_angle

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tvsysid.numerics import moments, pseudoinverse, second_order
-from tvsysid.numerics.differentiation import differentiate
+from tvsysid.numerics.differentiation import derivative_filters, differentiate
 
 LAGS, RATE = 6, 100.0
 
@@ -20,11 +20,10 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
     angle, torque, signals = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
     solution = pseudoinverse.full(phi_uu, phi_uy)
+    fit = second_order.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
     for time in (0, 20, 47):
-        matrix, fitted = second_order.second_order_readout(
-            phi_uu[time], phi_uy[time], solution.inverse[time], RATE
-        )
-        found = matrix @ phi_uy[time]
+        found = fit.readout[time] @ phi_uy[time]
+        fitted = fit.impedance[time] @ derivative_filters(LAGS, RATE) @ phi_uy[time]
         assert found[0] == pytest.approx(solution.weights[time].sum(), rel=1e-9)
         regressors, output = signals[:, :, time].T, torque[:, LAGS + time]
         expected = np.linalg.lstsq(regressors, output, rcond=None)[0]
@@ -45,7 +44,7 @@ def test_second_order_fit(random):
     np.testing.assert_allclose(found, np.tile(expected, (5, 1)), rtol=1e-9)
     np.testing.assert_allclose(inverse @ moments, np.tile(np.eye(3), (5, 1, 1)), atol=1e-7)
     moments[2, 2], moments[2, :, 2] = moments[2, 0], moments[2, :, 0]
-    assert np.isnan(second_order.second_order_fit(moments, cross).impedance[2]).all()
+    assert np.isnan(second_order.second_order_fit(moments, cross)[0][2]).all()
 
 
 def test_agreement():

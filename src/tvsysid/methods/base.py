@@ -136,7 +136,7 @@ class Method(ABC):
         return None
 
     def identify(self, ensemble: Ensemble) -> Model:
-        """Identify the impedance of the joint from realizations of one movement, mean subtracted.
+        """Identify the impedance of the joint from realizations whose mean was subtracted before.
 
         The ensemble is checked before :meth:`fit`, and the model after it. The model is immutable.
         Its ``time``, ``stiffness``, ``viscosity`` and ``inertia`` are of shape (time,), with NaN

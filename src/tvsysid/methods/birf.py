@@ -136,8 +136,8 @@ class BasisIRF(shared.ReferenceMethod):
         if self.model == "irf":  # a second-order fit, weighted by the angle's mean correlations
             derivative = shared.derivative_filters(weights.shape[1] // 2, rate)
             projected = derivative @ signals.gram.mean(axis=0)
-            fit = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
-            readout = fit.inverse[0] @ projected
+            _, inverse = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
+            readout = inverse[0] @ projected
             impedance = weights @ readout.T
             readout[0] = 1.0  # stiffness is the area under the response
         over_time = base.padded(impedance, (ensemble.samples - len(weights)) // 2)

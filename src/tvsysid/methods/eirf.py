@@ -52,9 +52,9 @@ class EnsembleIRF(Method):
     fit explains.
 
     The bands are those of least squares at each time by itself: realizations are seconds apart,
-    so that noise of any colour is white across them. The noise's strength is what all directions
-    of the input leave, whichever of them the truncation takes. The bands do not count what it
-    leaves out. With no more realizations than lags there is none.
+    so that noise of any colour is white across them. The noise variance is that of the residual
+    without truncation. The bands do not count what the truncation leaves out. With no more
+    realizations than lags there is none.
     """
 
     max_lag: float = attrs.field(default=0.12, validator=positive)
@@ -71,8 +71,8 @@ class EnsembleIRF(Method):
         "Many realizations are needed: at least as many as lags, better a few hundred.",
     )
     differs = (
-        "Every time is estimated by itself, with as many unknowns as lags: of few realizations its "
-        "random error is the largest by far, and it explains noise as well."
+        "Every time is estimated by itself, with as many unknowns as lags: with few realizations, "
+        "its random error is the largest by far, and it explains noise as well."
     )
     cites = ("macneil1992", "vanderuit2021")
 

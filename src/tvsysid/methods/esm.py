@@ -15,9 +15,9 @@ from tvsysid.methods.base import check_window, missing_edge, padded, whole_sampl
 from tvsysid.methods.responses import FrequencyResponseModel
 from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.bands import mean_of
-from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
+from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_filters, differentiate
 from tvsysid.numerics.moments import convolve_lags
-from tvsysid.numerics.second_order import derivative_filters, second_order_fit
+from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import one_of, optional, positive, text

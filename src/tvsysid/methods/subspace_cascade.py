@@ -15,6 +15,7 @@ from tvsysid.methods.shared.estimates import impedance_estimates, standard_error
 from tvsysid.models import Diagnostics, Estimate, StandardError
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.decimation import keep_every
+from tvsysid.numerics.differentiation import derivative_filters
 from tvsysid.numerics.noise import coloured_moments
 from tvsysid.numerics.second_order import agreement, second_order_readout
 from tvsysid.numerics.subspace import ROUNDING, Piece, Rows, dynamics, hammerstein, project, rows_of
@@ -220,7 +221,9 @@ def second_order(
         np.asarray(np.linalg.pinv(each, ROUNDING, True)) for each in (moments, own)
     )
     cross = moments @ response
-    readout, fitted = second_order_readout(moments, cross, inverse, rate)
+    fits = second_order_readout(moments[None], cross[None], inverse[None], rate)
+    impedance, readout = (each[0] for each in fits)
+    fitted = float(impedance @ derivative_filters(len(cross) // 2, rate) @ cross)
     effects = readout @ moments @ own_inverse @ left.signals.T / count
     lags = round(MAX_COLOUR_S * rate)
     taper = 1 - np.arange(lags + 1) / (lags + 1)

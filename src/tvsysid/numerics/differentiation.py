@@ -44,11 +44,16 @@ def derivative_weights(half_width: int = HALF_WIDTH, band: float = BAND) -> Arra
     return weights
 
 
+def derivative_filters(half_width: int, sampling_rate: float) -> Array:
+    """Return filters (3, 2 n + 1) for a signal and its first two derivatives."""
+    return np.asarray(derivative_weights(half_width) * sampling_rate ** np.arange(3.0)[:, None])
+
+
 def differentiate(u: Array, sampling_rate: float, half_width: int = HALF_WIDTH) -> Array:
     """Return a signal (..., time) and its first two derivatives, (3, ..., time - 2 n).
 
     Samples are left out where the filter has no samples on one side.
     """
-    taps = derivative_weights(half_width) * sampling_rate ** np.arange(3.0)[:, None]
-    signals = u, *(convolve1d(u, taps[order], axis=-1) for order in (1, 2))
+    _, *filters = derivative_filters(half_width, sampling_rate)
+    signals = u, *(convolve1d(u, each, axis=-1) for each in filters)
     return np.stack([each[..., half_width : u.shape[-1] - half_width] for each in signals])

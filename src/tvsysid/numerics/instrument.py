@@ -18,11 +18,11 @@ from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments, ridge, solve
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, window_moments
 
-# times that the reference may come after the angle, and before it
+# by how much samples of the reference that predict the angle may come after it, and before it
 MAX_AFTER_S, MAX_BEFORE_S = 0.04, 0.30
 HARMONICS = 4
 FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
-MIN_VARIANCE = 1e-3  # of that prior's variance, however long the lag
+MIN_VARIANCE = 1e-3  # added to that variance, relative to lag 0, so that long lags keep some
 BLOCKS = 5  # groups of realizations, each predicted from the others
 # share of the angle that a reference predicts below which short windows cannot use it
 MIN_PREDICTED = 0.1
@@ -34,7 +34,7 @@ def lag_samples(rate: float) -> tuple[int, int]:
 
 
 def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.int64]:
-    """Return the group of each realization, for a scatter over groups.
+    """Return the group of each realization; each group is predicted from the others.
 
     Consecutive realizations share a group, because the noise of neighbours is alike. A realization
     that was drawn twice is in one group.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tvsysid.numerics import Array
-from tvsysid.numerics.differentiation import derivative_weights
+from tvsysid.numerics.differentiation import derivative_filters
 
 # share of the largest eigenvalue below which directions of lagged angles are rounding
 ROUNDING = 1e-9
@@ -16,12 +16,20 @@ SINGULAR = 1e-9
 RESPONSE_BAND = (0.5, 15.0)  # Hz, in which a response is fitted
 
 
+class MomentFit(NamedTuple):
+    """Least-squares ``impedance`` (time, 3), and what gives an impedance from correlations.
+
+    The matrix ``readout`` (time, 3, lag) multiplies correlations of lagged angles with the torque.
+    """
+
+    impedance: Array
+    readout: Array
+
+
 def second_order_readout(
     phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
-) -> tuple[Array, float]:
-    r"""Return the matrix that gives stiffness, viscosity and inertia from correlations.
-
-    Stiffness is the area under the impulse response; the others follow from a second-order fit.
+) -> MomentFit:
+    r"""Fit stiffness, viscosity and inertia to the correlations of each time.
 
     Weights :math:`w = \Phi^{-1} \varphi` have a covariance in proportion to :math:`\Phi^{-1}`. The
     fit, weighted by its inverse, minimises
@@ -30,18 +38,16 @@ def second_order_readout(
 
     over :math:`p = (k, b, I)`, where the rows of D are the filters that give angle, velocity and
     acceleration from lagged angles (:mod:`tvsysid.numerics.differentiation`). So the fit counts
-    where the input has power, and its three numbers need no truncation.
+    where the input has power, and its three numbers need no truncation. The readout has its
+    viscosity and inertia. Stiffness is the area under the impulse response.
 
-    ``phi_uu`` (lag, lag) and ``phi_uy`` (lag,) are mean correlations of lagged angles, and with the
-    torque. The area follows by ``inverse``, a pseudo-inverse of the former. The matrix (3, lag)
-    multiplies ``phi_uy``. Return also the output's power that the fit explains.
+    ``phi_uu`` (time, lag, lag) and ``phi_uy`` (time, lag) are mean correlations of lagged angles,
+    and with the torque. The area follows by ``inverse``, a pseudo-inverse of the former.
     """
-    derivative = derivative_filters(len(phi_uy) // 2, sampling_rate)
-    moments = derivative @ phi_uu @ derivative.T
-    cross = derivative @ phi_uy
-    (found,), (inverted,) = second_order_fit(moments[None], cross[None])
-    matrix = np.concatenate([inverse.sum(axis=1)[None], (inverted @ derivative)[1:]])
-    return matrix, float(found @ cross)
+    derivative = derivative_filters(phi_uy.shape[1] // 2, sampling_rate)
+    fit, inverted = second_order_fit(derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T)
+    area = inverse.sum(axis=2)[:, None]
+    return MomentFit(fit, np.concatenate([area, (inverted @ derivative)[:, 1:]], axis=1))
 
 
 def response_readout(lags: Array) -> Array:
@@ -57,26 +63,14 @@ def response_readout(lags: Array) -> Array:
     return np.asarray(np.linalg.pinv(joint) @ response)
 
 
-class MomentFit(NamedTuple):
-    """Least-squares ``impedance`` (time, 3), and ``inverse`` of the regressors' moments."""
+def second_order_fit(moments: Array, cross: Array) -> tuple[Array, Array]:
+    """Return stiffness, viscosity and inertia (time, 3) by least squares, and inverse moments.
 
-    impedance: Array
-    inverse: Array
-
-
-def second_order_fit(moments: Array, cross: Array) -> MomentFit:
-    """Stiffness, viscosity and inertia by least squares on angle, velocity and acceleration.
-
-    From the three's second ``moments`` (time, 3, 3) and those with the torque (time, 3); NaN
-    where not determined.
+    The ``moments`` (time, 3, 3) are those of angle, velocity and acceleration, ``cross`` (time, 3)
+    those with the torque. Both results are NaN where not determined.
     """
     inverse = _inverses(moments)
-    return MomentFit((inverse @ cross[..., None])[..., 0], inverse)
-
-
-def derivative_filters(lags: int, sampling_rate: float) -> Array:
-    """Return filters (3, 2 lags + 1) for a signal and its first two derivatives."""
-    return np.asarray(derivative_weights(lags) * sampling_rate ** np.arange(3.0)[:, None])
+    return (inverse @ cross[..., None])[..., 0], inverse
 
 
 def agreement(fitted: float, beyond: float, chance: float) -> float:
@@ -97,8 +91,8 @@ def agreement_of_moments(
 ) -> float:
     """Return the agreement of a second-order fit with the mean response to lagged angles, in %.
 
-    The response is taken as the same at all times. A residual of smoothing a change of stiffness
-    has no mean response, and does not count. ``fitted`` and ``left`` are mean squares of the fit
+    The response is taken as the same at all times. What smoothing leaves of a change of
+    stiffness averages out, and does not count. ``fitted`` and ``left`` are mean squares of the fit
     and of its residual. ``cross`` (lag,) and ``moments`` (lag, lag) are mean products of lagged
     angles with the residual and with each other, over so many ``samples``.
     """

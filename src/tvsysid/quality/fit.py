@@ -276,8 +276,8 @@ def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:
     grams = np.einsum("art,brt->rab", motion, motion)
     cross = np.einsum("art,rt->ra", motion, torque)
     fit = second_order_fit(grams.sum(axis=0)[None], cross.sum(axis=0)[None])
-    values = fit.impedance[0]
-    influence = (cross - grams @ values) @ fit.inverse[0]
+    values, inverse = (each[0] for each in fit)
+    influence = (cross - grams @ values) @ inverse
     return values, np.sqrt(np.sum(influence**2, axis=0) * count / (count - 1))
 
 

@@ -267,10 +267,10 @@ def judge_trust(
     # With a wrong period, any channel seems to move the joint.
     if all(each.name != "wrong-period" for each in faults):
         wrong = [*unnamed, *wrong]
-    if not (is_suited or unnamed):  # an unnamed reference is the reason for the loop
+    if not (is_suited or unnamed):  # an unnamed reference explains the loop already
         wrong += loop
-    # In a closed loop, the right impedance may predict none of the torque. With a reference, these
-    # two reasons therefore count only if the data hold too little information for any method.
+    # In a closed loop, the right impedance may predict none of the torque. With a reference, the
+    # reasons below therefore count only if the data hold too little information for any method.
     if not wrong and (not has_reference or measured.information < MIN_INFORMATION):
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
@@ -295,8 +295,8 @@ def _invalidating_fault(model: Model, faults: Iterable[Finding]) -> list[str]:
     """Return at most one fault that makes every method wrong: the one that explains the others.
 
     Angles in degrees that are read as radians make a joint 57 times too soft. If its mean stiffness
-    times 57 is plausible, the angle's unit is the fault, and not the torque's. Swapped channels, or
-    another signal in place of the torque, make the joint much softer.
+    times 57 is plausible, the angle's unit is the fault, and not the torque's. With swapped
+    channels, or another signal in place of the torque, even that is not plausible.
     """
     invalid = _of_severity(faults, "invalid")
     if [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]:

@@ -24,7 +24,7 @@ BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # slow and fast noise are compared
 SLOW_NOISE_DB = 10.0  # power of slow over fast noise, above which noise is slow
 MIN_FEEDBACK_PERCENT = 0.1  # of the torque; in open loop, later movement predicts less
 BIAS_PERCENT = 10.0  # of the stiffness, by noise
-MAX_BIAS_PERCENT = 30.0  # up to which other weights of the frequencies mend it
+MAX_BIAS_PERCENT = 30.0  # largest such bias that other weights of the frequencies mend
 LOOP_BIAS_PERCENT = 5.0  # of the stiffness, by a closed loop
 MIN_INFORMATION = 2.0  # realizations at a signal-to-noise ratio of 0 dB
 CLOSED_LOOP = "noise in the torque moves the angle (a closed loop)"
@@ -92,7 +92,7 @@ RULES = (
     Rule(
         lambda data: data.loop_bias > LOOP_BIAS_PERCENT and not data.is_slow,
         ("birf:reference={reference},tuned=true", "kbr:reference={reference}"),
-        CLOSED_LOOP + ", but not {reference!r}",
+        CLOSED_LOOP + "; it does not move {reference!r}",
     ),
     Rule(
         lambda data: (
@@ -104,7 +104,8 @@ RULES = (
             "kbr:reference={reference},weighting=residual",
             "birf:reference={reference}",
         ),
-        CLOSED_LOOP + ", but not {reference!r}; frequencies with little noise have more weight",
+        CLOSED_LOOP
+        + "; it does not move {reference!r}; frequencies with little noise have more weight",
     ),
     Rule(
         lambda data: "feedback" in data.faults,
@@ -212,8 +213,8 @@ def recommend(
     ensemble
         Realizations, mean subtracted.
     reference
-        Channel with the disturbance that was applied, or the actuator's command, if the angle may
-        not be imposed.
+        Channel with the disturbance that was applied, or the actuator's command, if it is not sure
+        that the angle is imposed.
     scheduling
         Channel with a variable that the joint follows and that differs between realizations.
     diagnosis

@@ -45,7 +45,7 @@ COUNTED = {
     "excluded_task": "task component",
     "excluded_residual": "residual",
 }
-"""Step that excluded the realizations that a variable counts; empty for those that were kept."""
+"""By variable, the step whose excluded realizations it counts; empty: it counts those kept."""
 
 RECORDED_OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
 
@@ -196,7 +196,7 @@ def draw(prepared: Prepared, analysis: Analysis, seed: int, number: int) -> tupl
 def tasks_of(experiment: Experiment, prepared: Sequence[Prepared]) -> list[Task]:
     """Return a task for each analysis of a recording.
 
-    The last methods take longest and come first.
+    Tasks of the last methods come first, because these take longest.
     """
     tasks = []
     for analysis, item in itertools.product(reversed(experiment.analyses), prepared):

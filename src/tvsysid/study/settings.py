@@ -48,7 +48,7 @@ class StudySettings:
         return attrs.evolve(self, **settings)
 
     def to_json(self) -> str:
-        """Return the settings that are not empty as text, methods and parts by their labels."""
+        """Return settings as JSON, without empty ones; methods and parts by their labels."""
         settings = attrs.asdict(
             self, recurse=False, filter=lambda _, value: value not in ((), None, {})
         )

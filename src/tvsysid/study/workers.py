@@ -121,7 +121,7 @@ def local_workers(count: int) -> Iterator[Executor | None]:
 
 
 def _begin() -> None:
-    """Make a worker ignore interruptions, and end with its parent, even with one that is killed."""
+    """Make a worker ignore interruptions, and end with its parent, even if that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # As the command line does: looking for garbage would take a tenth of the time of drawing.
     gc.set_threshold(100_000)

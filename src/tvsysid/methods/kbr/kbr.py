@@ -161,7 +161,8 @@ class KernelRegression(shared.ReferenceMethod):
         runs = runs_of(ensembles, kernel, self.band)
         moments = moments_of(runs, kernel)
         variances = np.broadcast_to(self.gamma, 3) * self._scale(moments, kernel) ** 2
-        # Equation 16 has no 1/2 before the prior, so a weight has half its kernel's variance.
+        # The cost (equation 16) has no 1/2 before the prior, so a weight has half its kernel's
+        # variance.
         precision = np.outer(2 / variances, kernel.precision).ravel()
         edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
         torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)
@@ -187,7 +188,7 @@ class KernelRegression(shared.ReferenceMethod):
         def errors() -> dict[str, shared.StandardError]:
             # The posterior does not know that a mean over realizations was subtracted.
             factors = len(ensemble) / shared.independent_realizations(ensemble) * np.ones(3)
-            # The posterior assumes that the noise is as strong as its mean over the fitted band.
+            # The posterior assumes that the noise has the same power all over the band, its mean.
             if self.weighting == "white":
                 filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
                 share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
@@ -223,8 +224,8 @@ class KernelRegression(shared.ReferenceMethod):
         """
         if self.scale is not None:
             return self.scale
-        # The first column of each signal is its constant. The last three signals are the angle, or
-        # the one predicted from a reference, and its derivatives.
+        # The first column of each signal is the constant feature. The last three signals before the
+        # torque are the angle, or the one predicted from a reference, and its derivatives.
         constants = np.arange(0, len(moments.cross), kernel.columns)[-3:]
         impedance = solve(moments.take(constants), np.zeros(3)).mean
         modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
@@ -257,8 +258,7 @@ def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
 
     At this fixed point the derivative of the evidence by the noise variance vanishes. The numbers
     of y are the real and imaginary parts of spectra, and :math:`\sigma^2` is the variance of each:
-    half of that of the complex noise. The cost of equation 16 has no half before the priors, so
-    that a weight has half the variance of its kernel.
+    half of that of the complex noise.
 
     If the moments have twice as many columns as the prior, the second half are instruments
     (:func:`fit_by_instruments`).

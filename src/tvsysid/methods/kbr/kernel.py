@@ -29,7 +29,7 @@ STRICT = 20.0
 # Share of the prior variance below which a feature is left out. It is small because a prior that
 # suits stiffness is very wide for inertia: 1e-9 would change stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
-# Largest number of harmonics times decays in a record. More would need 2 GiB of covariance.
+# Largest harmonics * (1 + record / l2). More would need 2 GiB of covariance.
 MAX_SIZE = 1875
 
 
@@ -84,7 +84,7 @@ class Kernel:
         harmonics = np.arange(1, 2 * len(variances)) // 2  # a cosine and a sine of each but 0
         wave, slow = np.nonzero(kept[harmonics])
         harmonic = harmonics[wave]
-        # Slow functions have their standard deviations as sizes already.
+        # Each slow function is already multiplied by its standard deviation.
         precision = np.where(harmonic + slow > 0, 1 / variances[harmonic], 0.0)
         return cls(period, span, l2, nodes, projection, harmonic, wave, slow, precision)
 

@@ -87,7 +87,8 @@ class Runs:
         spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
         spectra = spectra[..., np.abs(signed)]
         np.conjugate(spectra, out=spectra, where=signed < 0)
-        # With this delay of all spectra, shifts by whole harmonics count from the trial's start.
+        # All spectra are delayed by the run's start within a period. So harmonics have phase 0 at
+        # the start of the trial, and not at that of the run.
         starts = ensemble.onsets[realizations[:, :1]] % kernel.period
         delay = np.exp(-2j * np.pi * rate / samples * starts * bin_numbers)
         spectra *= delay
@@ -178,7 +179,8 @@ def moments_of(found: Sequence[Runs], kernel: Kernel) -> Moments:
     products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
     for runs in found:
         terms = runs.external * runs.weights
-        powers, axes = np.linalg.eigh(terms[0] @ terms[0].T)  # runs differ in phase alone
+        # The terms of all runs have the same products, as they differ in phase alone.
+        powers, axes = np.linalg.eigh(terms[0] @ terms[0].T)
         kept = powers > MIN_POWER * runs.samples
         basis = (axes[:, kept] / np.sqrt(powers[kept])).T @ terms
         with_terms = np.zeros((len(basis), size, basis.shape[1]))

@@ -29,7 +29,7 @@ WHOLE_RANGE = (LENGTHS[0], LENGTHS[-1])
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
 START = 1e3  # initial power of the torque that each quantity explains, over the noise variance
 MAX_DROP, MAX_RISE = 50.0, 15.0  # largest change of log prior variances in a climb
-# weights of features above which a decay is not tried, and the given settings are not compared
+# number of weights above which a decay is not tried, and the given settings are not compared
 MAX_WEIGHTS = 2000
 # A log noise variance that falls by this much from its start shows that the data are too few.
 MAX_FALL = 12.0
@@ -98,7 +98,7 @@ class Likelihood:
             log_strength = log_variances + np.log(np.diag(self.moments.gram)) - theta[4]
         counts = flat | (log_strength > math.log(MIN_STRENGTH))
         precision = np.where(flat[counts], 0.0, np.exp(-log_variances[counts]))
-        # Real and imaginary parts have half the variance each, and so has a weight (see kbr.fit).
+        # Real and imaginary parts have half the variance each, and so has a weight (equation 16).
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
         by_gamma = np.bincount(signal[counts], found.variance_gradient, minlength=3)
         by_length = float(found.variance_gradient @ slopes[harmonic[counts]])

@@ -82,7 +82,7 @@ class ReferenceMethod(Method):
         return super()._evidence(ensemble)
 
     def _instrument(self, ensemble: Ensemble, reference: str) -> tuple[Ensemble, float]:
-        """Return the ensemble as the reference alone would have moved it.
+        """Return the ensemble with the angle that the reference predicts, not the measured one.
 
         Return also the share of the angle that the reference predicts in held-out realizations.
         Raise InputError if this is less than ``least_share``.

@@ -8,7 +8,7 @@ from tvsysid.methods.base import missing_edge, padded
 from tvsysid.methods.shared.estimates import standard_errors
 from tvsysid.models import StandardError
 from tvsysid.numerics.bands import arc_length
-from tvsysid.numerics.differentiation import HALF_WIDTH
+from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_filters
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, window_matrices
 from tvsysid.numerics.noise import (
     angle_products,
@@ -18,11 +18,11 @@ from tvsysid.numerics.noise import (
     regressor_covariances,
     white_share,
 )
-from tvsysid.numerics.second_order import agreement_of_moments, derivative_filters
+from tvsysid.numerics.second_order import agreement_of_moments
 from tvsysid.signals import Array, Ensemble
 
-# lag up to which the noise's autocorrelation counts, in products with that of the angle, which ends
-# about there
+# Longest lag at which the noise's autocorrelation counts. It is multiplied by that of the angle,
+# which is about 0 beyond.
 MAX_NOISE_LAG_S = 0.25
 MIN_RESIDUAL_SHARE = 0.1  # of the noise's variance
 
@@ -89,9 +89,9 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
 
 
 def noise_ratio(of_measured: Array, of_predicted: Array) -> float:
-    """Return the power of the residual of the measured angle over that of the predicted angle.
+    """Return the power of the torque's residual by the measured angle over that by a predicted one.
 
-    The residual of the predicted angle also holds the torque of the movement that noise causes.
+    The residual by the predicted angle also holds the torque of the movement that noise causes.
     """
     return float(np.sum(of_measured**2) / np.sum(of_predicted**2))
 
@@ -147,12 +147,12 @@ def noise_colour(
     residuals
         Residuals (realization, time) of the fit.
     absorbed
-        Share of the noise's power that the fit explains at lag 0, not yet corrected for a
-        subtracted mean. It is made to fall over lags with the regressors' correlation.
+        Share of the noise's power that the fit explains, one number or one for each lag. Here it is
+        multiplied by the regressors' correlation at each lag, and corrected for a subtracted mean.
     filters
         Filters (regressor, tap) that give the regressors from lagged angles.
     overlap
-        Share of the noise's products at each lag that enters the fit.
+        Weight of the noise's products at each lag in a windowed fit, relative to lag 0.
     """
     lags = colour_lags(ensemble)
     products = angle_products(ensemble.angle, filters.shape[1], lags)

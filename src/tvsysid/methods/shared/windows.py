@@ -25,7 +25,7 @@ from tvsysid.models import Diagnostics, StandardError
 from tvsysid.numerics.moments import lagged_moments, sliding_sum, time_chunks, window_moments
 from tvsysid.numerics.noise import autocovariance
 from tvsysid.numerics.pseudoinverse import Solution, truncated
-from tvsysid.numerics.second_order import derivative_filters, second_order_fit
+from tvsysid.numerics.second_order import second_order_readout
 from tvsysid.signals import Array, Ensemble
 
 Solver = Callable[[Array, Array, Array, Array], Solution]
@@ -62,10 +62,9 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * (lags + margin)
-    # In this loop, sample i is time i - margin. Lags are not counted.
+    # In this loop, index 0 is the sample after the first lags. The first time has the index margin.
     realizations = independent_realizations(ensemble)
     length = times + 2 * margin
-    derivative = derivative_filters(lags, ensemble.sampling_rate)
     parts = []
     for chunk in time_chunks(times, 2 * lags + 1):
         begin = max(0, chunk.start + margin - half)
@@ -81,10 +80,9 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
         independent = samples * realizations
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
         solution = solve(phi_uu, phi_uy, variance, count)
-        fit, inverse = second_order_fit(derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T)
-        # Stiffness is the area under the response; the fit has the other two.
-        area = solution.inverse.sum(axis=2)[:, None]
-        readout = np.concatenate([area, (inverse @ derivative)[:, 1:]], axis=1)
+        fit, readout = second_order_readout(
+            phi_uu, phi_uy, solution.inverse, ensemble.sampling_rate
+        )
         freedom = independent - solution.usable
         unexplained = count * np.maximum(square - solution.explained, 0.0)
         noise = np.where(freedom > 0, unexplained / np.maximum(freedom, 1), np.nan)
@@ -170,7 +168,7 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
         ]
         mixed = np.tensordot(root[: end - begin], u, (0, 2)).reshape(-1, u.shape[1])
         moments = len(mixed) * window_moments(mixed, mixed, lags, lags)
-        readout = windows.readout[start:stop, :, ::-1]  # of ``moments``, earliest sample first
+        readout = windows.readout[start:stop, :, ::-1]  # like the moments, in order of time
         sums.append(np.sum(readout @ moments * readout, axis=2))
     variances = np.concatenate(sums) * (windows.noise / windows.samples**2)[:, None]
     return np.maximum(variances, 0.0)

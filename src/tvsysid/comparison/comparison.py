@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import html
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from tvsysid.comparison.held_out import predict_held_out
-from tvsysid.methods import Evidence, Method
+from tvsysid.errors import DataQualityWarning, describe_error, without_quality_warnings
+from tvsysid.methods import Evidence, Method, centered_channels
 from tvsysid.methods.base import Kind
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import IMPEDANCE, OVER_TIME, Model
-from tvsysid.numerics.bands import mean_of
+from tvsysid.numerics.bands import mean_known, mean_of
+from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
 from tvsysid.quality import Diagnosis
 from tvsysid.recommendation import Answer, Recommendation, answer, recommend
@@ -280,7 +283,42 @@ class Comparison:
         of all realizations: it keeps the smooth part and the number of switches, and fits
         amplitudes and times again.
         """
-        return predict_held_out(self, folds, progress)
+        ensemble = self.ensemble
+        shape = 2, len(ensemble), ensemble.samples
+        torques = {label: np.full(shape, np.nan) for label in self.models}
+        if len(ensemble) < 2 + ensemble.mean_subtracted:
+            return torques  # a single realization less its mean is zero
+        parts = np.array_split(np.concatenate(ensemble.runs), min(folds, len(ensemble)))
+        with single_thread():
+            for number, (part, label) in enumerate(product(parts, self.models)):
+                progress(number, len(parts) * len(self.models))
+                try:
+                    torques[label][:, part] = self._predict_part(part, label)
+                except Exception as error:  # a user's method may raise anything; the others go on
+                    text = "no held-out VAF where the method cannot be fitted without a fold"
+                    reason = f"{label}: {text}: {describe_error(error)}"
+                    warnings.warn(reason, DataQualityWarning, stacklevel=2)
+        return torques
+
+    def _predict_part(self, held_out: NDArray[np.int64], label: str) -> Array:
+        """Return measured torque of realizations, and that predicted by a fit to the others."""
+        ensemble, method = self.ensemble, self.methods[label]
+        kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
+
+        def deviation(values: Array) -> Array:
+            return np.asarray(values - ensemble.mean_subtracted * mean_known(values[kept]))
+
+        angle, torque = deviation(ensemble.angle), deviation(ensemble.torque)
+        centered = {name: deviation(ensemble.signal(name)) for name in centered_channels([method])}
+        measured = torque[held_out, ensemble.core]
+        torque[held_out] = 0.0  # hide it from a method that reads the torque to predict it
+        channels = {**ensemble.channels, **centered}
+        given = attrs.evolve(ensemble, angle=angle, torque=torque, channels=channels)
+        with without_quality_warnings():
+            # The fit to all realizations has warned already.
+            model = method.refit(given.select(kept), self.models[label])
+            predicted = deviation(model.predict(given))
+        return np.stack([measured, predicted[held_out]])
 
 
 def describe_values(

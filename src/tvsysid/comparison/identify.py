@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -11,7 +10,13 @@ import attrs
 
 from tvsysid.comparison.comparison import Comparison
 from tvsysid.comparison.prepared import PreparedRecording
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, without_quality_warnings
+from tvsysid.errors import (
+    DataQualityWarning,
+    InputError,
+    by_text,
+    describe_error,
+    without_quality_warnings,
+)
 from tvsysid.methods import (
     Evidence,
     Method,
@@ -67,7 +72,7 @@ def compare(
     Warns
     -----
     DataQualityWarning
-        For warnings of the methods, once for each cause.
+        For warnings of the methods, each once.
 
     Examples
     --------
@@ -115,13 +120,9 @@ def compare(
                 failed[label] = describe_error(error)
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
-    causes: dict[str, dict[str, str]] = {}  # texts that differ in numbers alone have one cause
-    for label, model in models.items():
-        for text in model.diagnostics.warnings:
-            causes.setdefault(re.sub(r"\d", "", text), {}).setdefault(label, text)
-    for texts in causes.values():
-        text = f"{', '.join(texts)}: {next(iter(texts.values()))}"
-        warnings.warn(text, DataQualityWarning, stacklevel=2)
+    warned = ((label, text) for label in models for text in models[label].diagnostics.warnings)
+    for text, labels in by_text(warned).items():
+        warnings.warn(f"{', '.join(labels)}: {text}", DataQualityWarning, stacklevel=2)
     found = Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
     if not isinstance(data, PreparedRecording):
         return found

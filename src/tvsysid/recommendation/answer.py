@@ -13,7 +13,6 @@ from typing import Literal, TypeAlias
 import attrs
 import numpy as np
 
-from tvsysid.dataset_layout import UNITS
 from tvsysid.errors import without_quality_warnings
 from tvsysid.methods.adaptive.model import AdaptiveModel, describe_changes
 from tvsysid.methods.base import Method
@@ -29,7 +28,6 @@ from tvsysid.recommendation.method import (
 from tvsysid.signals import Array, Ensemble
 
 CRITICAL_VALUE = 1.96  # standard deviations within which 95 % of methods would lie
-MAX_NEGATIVE_PERCENT = 2.5  # of the time; by chance, a 95 % band lies below the truth this often
 MIN_STIFFNESS = 1.0  # N·m/rad, of any joint
 MAX_DELAY_MS = 4.0  # a shorter delay hardly changes the stiffness
 MAX_SPREAD = 0.25  # of the mean stiffness; at most 0.1 in 50 sound simulated joints
@@ -310,16 +308,6 @@ def _invalidating_fault(model: Model, faults: Iterable[Finding]) -> list[str]:
 
 def _possible_faults(model: Model, method: Method, faults: Sequence[Finding]) -> Iterator[str]:
     """Yield each fault that may make the stiffness wrong, with its remedy."""
-    gain = model.estimates.get("reflex_gain")
-    if gain is not None and gain.unit == UNITS["reflex_gain"] and is_reflex_detected(model):
-        upper = gain.limits()[1]
-        share = 100 * mean_of(np.where(np.isfinite(upper), upper < 0, np.nan))
-        if share > MAX_NEGATIVE_PERCENT:
-            yield (
-                f"The reflex gain is negative over {share:.0f} % of the time, with its whole 95 % "
-                "band. No stretch reflex has a negative gain. Compare with a method with one "
-                "pathway (--method kbr)."
-            )
     reflexes = _of_severity(faults, "one pathway") if has_one_pathway(method, model) else []
     for reflex in reflexes:
         yield f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}."

@@ -37,26 +37,3 @@ def test_the_standard_error_of_a_mean():
     ):
         with pytest.raises(tv.InputError, match=message):
             bootstrap(Mean(), ensemble_, count, seed=1)
-
-
-class Fragile(Mean):
-    """Fails on draws in which the first realization comes twice."""
-
-    def fit(self, ensemble):
-        if (ensemble.onsets == ensemble_of().onsets[0]).sum() == 2:
-            raise np.linalg.LinAlgError("SVD did not converge")
-        return super().fit(ensemble)
-
-
-def test_a_draw_that_fails_is_left_out_with_a_warning():
-    text = r"of 200 draws \(the first: LinAlgError: SVD did not"
-    with pytest.warns(tv.DataQualityWarning, match=text) as caught:
-        found = bootstrap(Fragile(), ensemble_of(), 200, seed=1)
-    assert caught[0].filename == __file__
-    draws = found.draws["stiffness"]
-    sound = bootstrap(Mean(), ensemble_of(), 200, seed=1).draws["stiffness"]  # the same draws
-    kept = [each for each in sound if (each == draws).all(axis=1).any()]
-    assert 0 < len(kept) < 200
-    np.testing.assert_array_equal(draws, kept)
-    lower, upper = found.band()
-    assert (lower < upper).all()

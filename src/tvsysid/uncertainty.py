@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 
 import attrs
 import numpy as np
 
-from tvsysid.errors import DataQualityWarning, InputError, describe_error, without_quality_warnings
+from tvsysid.errors import without_quality_warnings
 from tvsysid.methods.base import Method
 from tvsysid.models import OVER_TIME, Model
 from tvsysid.numerics.bands import critical_value, mean_and_spread
@@ -33,8 +32,7 @@ class Bootstrap:
         Number of realizations in the ensemble.
     draws
         Estimates over time of each draw by quantity, shape (draw, time). NaN where not identified.
-        Means over realizations where the method has an estimate for each of them. A draw is left
-        out if the method could not identify it.
+        Means over realizations where the method has an estimate for each of them.
     """
 
     model: Model
@@ -96,15 +94,12 @@ def bootstrap(method: Method, ensemble: Ensemble, count: int, seed: int) -> Boot
     Raises
     ------
     InputError
-        For fewer than two draws or realizations, for an ensemble that the method refuses, or if
-        the method identifies fewer than two draws.
+        For fewer than two draws or realizations, and for an ensemble that the method refuses.
 
     Warns
     -----
     DataQualityWarning
-        If the method warns about the ensemble; its warnings about draws are ignored. If the method
-        cannot identify some draws, which are left out; the warning gives their number and the
-        first reason.
+        If the method warns about the ensemble; its warnings about draws are ignored.
 
     References
     ----------
@@ -126,22 +121,11 @@ def bootstrap(method: Method, ensemble: Ensemble, count: int, seed: int) -> Boot
     at_least(MIN_DRAWS).check("bootstrap", "the number of realizations", len(ensemble))
     model = method.identify(ensemble)
     weights = bootstrap_weights(len(ensemble), len(ensemble), count, seed)
-    found, reasons = [], []
-    for times in weights:
-        drawn = ensemble.select(np.repeat(np.arange(len(ensemble)), times))
-        try:
-            with without_quality_warnings():
-                found.append(method.identify(drawn))
-        except Exception as error:  # a method may fail on few draws that are ill-conditioned
-            reasons.append(describe_error(error))
-    if reasons:
-        failed = (
-            f"bootstrap: {method!r} could not identify {len(reasons)} of {count} draws (the first: "
-            f"{reasons[0]})"
-        )
-        if len(found) < MIN_DRAWS:
-            raise InputError(failed)
-        warnings.warn(f"{failed}; they are left out", DataQualityWarning, stacklevel=2)
+    with without_quality_warnings():
+        found = [
+            method.identify(ensemble.select(np.repeat(np.arange(len(ensemble)), times)))
+            for times in weights
+        ]
     draws = {
         name: np.array([each.over_time(name) for each in found])
         for name, estimate in model.estimates.items()

@@ -245,7 +245,7 @@ def test_an_explorer_refuses_what_is_wrong_before_it_opens(file, recording, tmp_
     ):
         with pytest.raises(tv.InputError, match=message):
             tv.explore(file, **given)
-    with pytest.raises(tv.InputError, match="has been read already; leave out sampling_rate"):
+    with pytest.raises(tv.InputError, match="has been read; leave out the settings for reading"):
         tv.explore(recording, sampling_rate=1000)
     with pytest.raises(tv.InputError, match="unknown method 'sd'"):
         tv.explore(file, method="sd:window=0.2")

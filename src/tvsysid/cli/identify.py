@@ -58,8 +58,6 @@ class Options:
     ----------
     align_channels
         Correct a delay of the torque, unless that lowers the held-out VAF.
-    remove_mains
-        Subtract mains hum (50 or 60 Hz) that shows in the angle.
     tune
         Choose each method's settings from the data.
     sheet
@@ -68,7 +66,6 @@ class Options:
 
     method: Methods | None = None
     align_channels: bool = True
-    remove_mains: bool = True
     tune: Flag = False
     sheet: Flag = False
 
@@ -174,7 +171,6 @@ def _identify_one(
             **attrs.asdict(reading),
             **attrs.asdict(segmentation),
             align_channels=options.align_channels,
-            remove_mains=options.remove_mains,
         )
         out.mkdir(parents=True, exist_ok=True)
         with shown_progress("identifying") as advance:

@@ -32,7 +32,6 @@ def prepare(
     source: str | Path | Recording,
     *,
     align_channels: bool = True,
-    remove_mains: bool = True,
     **settings: Any,
 ) -> PreparedRecording:
     """Read, correct and cut a recording as ``tvsysid identify`` does.
@@ -48,8 +47,6 @@ def prepare(
     align_channels
         Whether to correct a delay between angle and torque, unless held-out realizations are
         predicted better without.
-    remove_mains
-        Whether to subtract mains hum that shows in the angle.
     **settings
         ``period`` in s, ``decimate`` in Hz and ``context`` in s, and for a file those of
         :func:`tvsysid.read_recording`. Without a period, the record is one realization. Settings
@@ -85,9 +82,7 @@ def prepare(
                 return preprocess.subtract_mean(pieces)
         return ensemble
 
-    corrected, corrections = correct(
-        recording, cut, cut_to_diagnose, align_channels=align_channels, remove_mains=remove_mains
-    )
+    corrected, corrections = correct(recording, cut, cut_to_diagnose, align_channels)
     ensemble = cut(corrected)
     if gaps:
         every = preprocess.segment(decimated(corrected), period, context)
@@ -110,9 +105,7 @@ def correct(
     recording: Recording,
     cut: Callable[[Recording], Ensemble],
     cut_to_diagnose: Callable[[Recording], Ensemble] | None = None,
-    *,
     align_channels: bool = True,
-    remove_mains: bool = True,
 ) -> tuple[Recording, list[Correction]]:
     """Subtract mains hum, and correct a delay between angle and torque, where they are found.
 
@@ -121,7 +114,7 @@ def correct(
     """
     corrections = []
     hum = judge("mains", recording)
-    if remove_mains and hum.found:
+    if hum.found:
         recording = preprocess.remove_mains(recording, preprocess.find_mains(recording)[0])
         corrections.append(Correction(hum, "mains hum was subtracted from all channels"))
     with suppress(InputError):  # realizations are too few, or too short

@@ -10,14 +10,13 @@ from threading import Thread
 from typing import Any
 from urllib.parse import parse_qsl
 
-import attrs
-
 from tvsysid.errors import InputError
 from tvsysid.explorer.outcome import ONE_AT_A_TIME, forget
 from tvsysid.explorer.page import page, result
 from tvsysid.explorer.settings import Settings
 from tvsysid.preprocess.trials import nearest_rate
-from tvsysid.recordings import Channel, Reading, Segmentation, describe_file
+from tvsysid.recordings import Channel, Reading, describe_file
+from tvsysid.recordings.reading import split_settings
 from tvsysid.signals import Recording
 
 HOST = "127.0.0.1"
@@ -123,11 +122,11 @@ def explore(
     >>> tv.explore("ankle.mat", angle="angle", torque="torque", period=2.0)  # doctest: +SKIP
     Exploration(http://127.0.0.1:45219/v2VwJqQ6dRkB1mfX/)
     """
-    own = {name: settings.pop(name) for name in attrs.fields_dict(Reading) if name in settings}
-    reading = Reading(**own)
-    rate = source.sampling_rate if isinstance(source, Recording) else reading.sampling_rate
+    rate = settings.get("sampling_rate")
+    if isinstance(source, Recording):
+        rate = source.sampling_rate
     usual = USUAL_RATE_HZ if rate is None else nearest_rate(rate, USUAL_RATE_HZ)
-    cutting = Segmentation(**{"decimate": usual} | settings)
+    reading, cutting = split_settings({"decimate": usual} | settings)
     channels: dict[str, Channel] = {}
     if isinstance(source, str | Path):
         source = Path(source)
@@ -136,7 +135,7 @@ def explore(
             for name, each in describe_file(source).items()
             if each.values is not None and 1 <= len(each.shape) <= 2 and max(each.shape) > 1
         }
-    elif own:
-        raise InputError(f"explore: a recording has been read already; leave out {min(own)}")
+    elif reading != Reading():
+        raise InputError("explore: a recording has been read; leave out the settings for reading")
     start = Settings(source, reading, cutting, align_channels, method)
     return Exploration(start, channels, port)

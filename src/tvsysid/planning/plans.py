@@ -23,7 +23,7 @@ from tvsysid.planning.curves import (
 from tvsysid.planning.protocol import Protocol
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Ensemble
-from tvsysid.validators import optional, positive
+from tvsysid.validators import positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,8 +175,8 @@ def plan(
     Raises
     ------
     InputError
-        For a precision or resolution that is not positive, an unknown method, or what is neither
-        an ensemble nor a protocol.
+        For a precision that is not positive, an unknown method, or what is neither an ensemble nor
+        a protocol.
 
     Notes
     -----
@@ -194,7 +194,6 @@ def plan(
     2 s; record ...
     """
     positive.check("plan", "precision", precision)
-    optional(positive).check("plan", "resolution", resolution)
     given = setup if isinstance(setup, Sequence) else [setup]
     protocols = [each if isinstance(each, Protocol) else Protocol.of(each) for each in given]
     setups = {str(each): each for each in protocols}

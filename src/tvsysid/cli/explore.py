@@ -19,7 +19,6 @@ def explore(
     reading: ReadingOptions = Reading(),
     segmentation: SegmentationOptions = Segmentation(),
     method: str = "adaptive",
-    align_channels: bool = True,
     port: int = 0,
     browser: bool = True,
 ) -> None:
@@ -45,8 +44,6 @@ def explore(
         MAT, CSV, TSV, NPZ, HDF5, NetCDF, NWB, Motion-BIDS, Parquet, C3D or EDF file.
     method
         Method to begin with, with settings after a colon if you wish.
-    align_channels
-        Begin with a delay between angle and torque corrected.
     port
         Port of the page; 0 for any that is free.
     browser
@@ -58,7 +55,6 @@ def explore(
         file,
         port=port,
         method=method,
-        align_channels=align_channels,
         **given(**attrs.asdict(reading), **attrs.asdict(segmentation)),
     )
     say(f"{file.name} is explored at {page.url} (Ctrl-C ends it)")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
 
 if TYPE_CHECKING:
-    from tvsysid.recordings import Channel
+    pass
 
 # Decimation would hide these faults.
 SENSOR_CHECKS = {"clipped-torque", "clipped-angle", "lost-torque", "lost-angle"}
@@ -93,7 +92,10 @@ def inspect(
     if diagnose:
         _show_diagnosis(file, out, reading, segmentation, reference)
     elif not save:
-        _show_identify_command(file, channels)
+        options = " ".join(suggested_options(channels).values())
+        say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {options}")
+        if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
+            say("if each column of a matrix is a separate trial, add --columns trials")
 
 
 def _show_diagnosis(
@@ -139,11 +141,3 @@ def _show_diagnosis(
     if found:
         say(repr(found))
     say(f"wrote {page}")
-
-
-def _show_identify_command(file: Path, channels: Mapping[str, Channel]) -> None:
-    """Print the command that identifies the file."""
-    options = " ".join(suggested_options(channels).values())
-    say(f"identify it with\ntvsysid identify {shlex.quote(str(file))} {options}")
-    if any(len(each.shape) == 2 and min(each.shape) > 1 for each in channels.values()):
-        say("if each column of a matrix is a separate trial, add --columns trials")

@@ -90,7 +90,6 @@ def explore(
     source: str | Path | Recording,
     *,
     method: str = "adaptive",
-    align_channels: bool = True,
     port: int = 0,
     **settings: Any,
 ) -> Exploration:
@@ -102,8 +101,8 @@ def explore(
     ----------
     source
         File, or a recording that has been read.
-    method, align_channels
-        Method to begin with, and whether to correct a delay of the torque.
+    method
+        Method to begin with.
     port
         Port of the page on this computer; 0 for any that is free.
     **settings
@@ -137,5 +136,5 @@ def explore(
         }
     elif reading != Reading():
         raise InputError("explore: a recording has been read; leave out the settings for reading")
-    start = Settings(source, reading, cutting, align_channels, method)
+    start = Settings(source, reading, cutting, method=method)
     return Exploration(start, channels, port)

@@ -1,6 +1,6 @@
 """Check data for faults: a catalogue of faults with one limit each, and a diagnosis."""
 
-from tvsysid.quality.checks import FAULTS, Fault, Finding
+from tvsysid.quality.checks import FAULTS, Finding
 from tvsysid.quality.curves import Curves
 from tvsysid.quality.diagnosis import Diagnosis, diagnose, diagnose_recording
 
@@ -8,7 +8,6 @@ __all__ = [
     "FAULTS",
     "Curves",
     "Diagnosis",
-    "Fault",
     "Finding",
     "diagnose",
     "diagnose_recording",

@@ -97,11 +97,11 @@ def same_perturbation(data: FittedEnsemble) -> Measured:
     """Return the share of noise in what differs of the angle, where no torque responds to it."""
     edge = NOISE_BAND * data.rate
     white = 100 * power_share(data.core("angle"), data.rate, edge)
-    what = (
+    return Measured(
+        0.0 if data.fit.explained >= MIN_EXPLAINED else white,
         f"{white:.0f} % of the variance by which the angle differs between realizations lies "
-        f"above {edge:g} Hz"
+        f"above {edge:g} Hz",
     )
-    return Measured(0.0 if data.fit.explained >= MIN_EXPLAINED else white, what)
 
 
 @check(

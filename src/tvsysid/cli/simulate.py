@@ -133,13 +133,10 @@ def _system(text: str, stiffness: str | None) -> System:
 
 def _write_participant(file: Path, number: int, name: str, perturbation: Perturbation) -> None:
     """Write the trials of a virtual participant, and print how a study reads them."""
-    from tvsysid.recordings import write_simulation
+    from tvsysid.recordings.write import checked, write_simulation
     from tvsysid.simulate import Participant
 
-    if file.suffix.lower() != ".mat":
-        raise InputError(
-            f"{file}: a participant's trials are matrices; give a file that ends in .mat"
-        )
+    checked(file, ".mat")  # the trials are matrices
     simulation = Participant(number).simulate(perturbation=perturbation)
     signals, recording = _signals(simulation), simulation.recording
     trials, rate = len(recording.trials), recording.sampling_rate

@@ -136,7 +136,7 @@ def test_moments_and_covariance_are_those_of_the_samples(
         noise[inside, inside] = matrix_of(correlation, size)
     every = np.concatenate([columns, fit.data.torque[None]])
     products = dot(every @ weights, every)
-    gram, cross, square, _ = fit.data.moments(fit.every_column())
+    gram, cross, square, _ = fit.data.moments(fit.every_column)
     assert_alike(np.block([[gram, cross[:, None]], [cross, square]]), products, 1e-8)
 
     variance, spread = fit.posterior.noise_variance, np.array([0.6, 0.5, 0.3])[free]

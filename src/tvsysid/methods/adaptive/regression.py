@@ -100,7 +100,7 @@ class Regressors:
             columns=np.concatenate(parts),
             edges=(data.times.start, ensemble.samples - data.times.stop),
             independent=len(data.torque) - 1,
-            prior_precision=np.concatenate([[0.0, 0.0], fit.precision()[first:]]),
+            prior_precision=np.concatenate([[0.0, 0.0], fit.precision[first:]]),
             reflex=model_of(repr(JointCascade(emg=selection.search.emg)), selection),
             change_covariance=change @ fit.covariance[:count, :count] @ change.T,
         )

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
 
 import attrs
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.numerics import Array
@@ -25,7 +23,8 @@ DECAY_MEAN, DECAY_SPREAD = 1.5, 2.0  # of the weak prior of a decay
 FAMILIES = FLAT_FAMILIES + 2
 IS_DECAY = np.repeat([False, False, True], FAMILIES)
 BOUNDS = np.where(IS_DECAY[:, None], (0.6, 6.0), (-9.0, 3.0))
-USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0)
+BOUNDS[:FLAT_FAMILIES] = FLAT_LOG_SIZE  # these sizes are known
+USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0).clip(*BOUNDS.T)
 MAX_ITERATIONS = 100  # of the search for the hyperparameters
 
 
@@ -77,8 +76,22 @@ class Fit:
     positive: Array | None = None
 
     @parameters.default
-    def _tuned(self) -> Array:
-        return self.prior.tuned(USUAL_PARAMETERS)
+    def tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
+        """Return the hyperparameters of greatest evidence near a start."""
+        _, design = self.prior
+
+        def cost(parameters: Array) -> tuple[float, Array]:
+            found = posterior_of(self.moments, self.spread_of(parameters))
+            off = decays_off(parameters)
+            gradient = 2 * found.variance_gradient @ design - off / DECAY_SPREAD
+            evidence = relative_log_evidence(found, self.moments.square)
+            return 0.5 * float(off @ off) - evidence, -gradient
+
+        options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
+        found = scipy.optimize.minimize(
+            cost, start, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
+        )
+        return np.asarray(found.x)
 
     def reflex(self, coefficients: Array) -> Array:
         """Return the torques of a reflex. See :meth:`Data.reflex`."""
@@ -101,16 +114,34 @@ class Fit:
         """Return the moments of all columns."""
         return Moments.of(self.products.sum(axis=0), self.data.number)
 
-    @property
-    def prior(self) -> Prior:
-        """Return the prior of the coefficients."""
-        ends = *self.data.starts, self.data.intrinsic_count, len(self.moments.cross)
-        return Prior.of(np.diff(ends), self.moments)
+    @cached_property
+    def prior(self) -> tuple[Array, Array]:
+        r"""Return the log prior standard deviations of the coefficients, as offset and design.
+
+        They are relative to the noise: ``offset + design @ parameters``. Each family of columns has
+        three parameters: the size of its constant, and :math:`\log\gamma` and :math:`\nu`, which
+        give :math:`\log\gamma - \nu \log h` for its h-th harmonic. Signals beyond the acceleration
+        are one family. Sizes are those for columns of unit RMS.
+        """
+        starts = [*self.data.starts, self.data.intrinsic_count]
+        sizes = np.diff([*starts, len(self.moments.cross)])
+        order = np.concatenate([np.arange(1, size + 1) // 2 for size in sizes])
+        family = [*np.arange(len(sizes) - 1).clip(max=FLAT_FAMILIES), FAMILIES - 1]
+        is_own = np.eye(FAMILIES)[np.repeat(family, sizes)]
+        weights = order == 0, order > 0, -np.log(order.clip(1))
+        design = np.concatenate([is_own * each[:, None] for each in weights], axis=1)
+        power = np.diag(self.moments.gram)[np.repeat(starts, sizes)] / self.moments.number
+        return -0.5 * np.log(np.where(power > 0, power, 1.0)), design
+
+    def spread_of(self, parameters: Array) -> Array:
+        """Return the prior standard deviations of the coefficients relative to the noise."""
+        offset, design = self.prior
+        return np.asarray(np.exp(offset + design @ parameters))
 
     @cached_property
     def spread(self) -> Array:
-        """Return the prior standard deviations of the coefficients relative to the noise."""
-        return self.prior.spread(self.parameters)
+        """Return the prior standard deviations with the hyperparameters of the fit."""
+        return self.spread_of(self.parameters)
 
     @cached_property
     def posterior(self) -> Posterior:
@@ -163,9 +194,15 @@ class Fit:
             slopes.append(change[0] / np.sum(ends[1].shape - ends[0].shape))
         return np.array(slopes).reshape(-1, *self.data.torque.shape)
 
+    @cached_property
     def every_column(self) -> Array:
         """Return the columns of the reflex, and the torque's derivatives by the shape."""
         return np.concatenate([self.reflex_columns, self.slopes()])
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Return the posterior covariance of coefficients and shape over the noise variance."""
+        return solve(self.data.moments(self.every_column), self.precision).covariance
 
     @property
     def freedom(self) -> float:
@@ -183,14 +220,14 @@ class Fit:
         weights of the samples, and :math:`\Sigma` the noise's autocovariance within a realization,
         from the residual.
         """
-        left, precision, columns = self.residual, self.precision(), self.every_column()
-        inverse = solve(self.data.moments(columns), precision).covariance
+        left, inverse = self.residual, self.inverse
         data = attrs.evolve(self.data, true_noise=autocorrelation(left, 0.0))
-        coloured = data.moments(columns).gram
+        coloured = data.moments(self.every_column).gram
         variance = float(np.sum(left**2)) / self.freedom
-        prior = self.posterior.noise_variance * (inverse * precision) @ inverse
+        prior = self.posterior.noise_variance * (inverse * self.precision) @ inverse
         return np.asarray(variance * inverse @ coloured @ inverse + prior)
 
+    @property
     def precision(self) -> Array:
         """Return the prior precision of coefficients and shape, times the noise variance."""
         own = np.concatenate([self.posterior.precision, SPREAD[self.free] ** -2])
@@ -199,16 +236,15 @@ class Fit:
     def improved(self) -> Fit:
         """Return the fit after some Gauss-Newton steps, each halved until it is better.
 
-        A step of the free numbers is solved for with all coefficients.
+        The coefficients change with the free numbers of the shape.
         """
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
-            moments, numbers = fit.data.moments(fit.every_column()), fit.shape[free]
-            # The prior pulls the step towards MEAN - numbers.
-            away = np.zeros(len(moments.cross))
-            away[-len(free) :] = MEAN[free] - numbers
-            shifted = moments._replace(cross=moments.cross - moments.gram @ away)
-            step = (solve(shifted, fit.precision()).mean + away)[-len(free) :]
+            numbers, own = fit.shape[free], slice(-len(free), None)
+            weighted, slopes = fit.data.weighted(fit.residual), fit.every_column[own]
+            gradient = np.tensordot(slopes, weighted, 2)
+            gradient += fit.precision[own] * (MEAN[free] - numbers)
+            step = fit.inverse[own, own] @ gradient
             if np.max(np.abs(step) / SPREAD[free]) < SMALLEST_STEP:
                 break
             tried = (fit.with_shape(numbers + step / 2**n) for n in range(MAX_HALVINGS))
@@ -221,7 +257,7 @@ class Fit:
     def refined(self) -> Fit:
         """Return the fit with an improved shape, then improved hyperparameters."""
         fit = self.improved()
-        return attrs.evolve(fit, parameters=fit.prior.tuned(fit.parameters))
+        return attrs.evolve(fit, parameters=fit.tuned(fit.parameters))
 
 
 def usual_shape(threshold: float = 0.0, delay: float = USUAL_DELAY_S) -> Array:
@@ -266,57 +302,6 @@ def relative_log_evidence(found: Posterior, square: float) -> float:
     """
     misfit = found.number * math.log(found.penalized_residual / square)
     return -0.5 * (misfit + found.log_determinant)
-
-
-class Prior(NamedTuple):
-    r"""Prior of the coefficients: their log standard deviations relative to the noise.
-
-    These are ``offset + design @ parameters``. Each family of columns has three parameters: the
-    size of its constant, and :math:`\log\gamma` and :math:`\nu`, which give
-    :math:`\log\gamma - \nu \log h` for its h-th harmonic. Sizes are those for columns of unit RMS.
-    """
-
-    moments: Moments
-    offset: Array
-    design: Array
-
-    @staticmethod
-    def of(sizes: NDArray[np.int64], moments: Moments) -> Prior:
-        """Return the prior of the coefficients of signals, and of a reflex's gain, which is last.
-
-        ``sizes`` counts the coefficients of each: a constant, and two for each harmonic.
-        Constants of stiffness, viscosity and inertia have a flat prior. Signals beyond the
-        acceleration share one size.
-        """
-        order = np.concatenate([np.arange(1, size + 1) // 2 for size in sizes])
-        family = [*np.arange(len(sizes) - 1).clip(max=FLAT_FAMILIES), FAMILIES - 1]
-        is_own = np.eye(FAMILIES)[np.repeat(family, sizes)]
-        is_flat = is_own[:, :FLAT_FAMILIES].any(axis=1) & (order == 0)
-        weights = (order == 0) & ~is_flat, order > 0, -np.log(order.clip(1))
-        design = np.concatenate([is_own * each[:, None] for each in weights], axis=1)
-        first = np.maximum.accumulate(np.where(order == 0, np.arange(len(order)), 0))
-        power = np.diag(moments.gram)[first] / moments.number
-        scale = np.sqrt(np.where(power > 0, power, 1.0))
-        return Prior(moments, FLAT_LOG_SIZE * is_flat - np.log(scale), design)
-
-    def spread(self, parameters: Array) -> Array:
-        """Return the standard deviations of the coefficients relative to the noise."""
-        return np.asarray(np.exp(self.offset + self.design @ parameters))
-
-    def tuned(self, start: Array) -> Array:
-        """Return the parameters of greatest evidence near a start."""
-
-        def cost(parameters: Array) -> tuple[float, Array]:
-            found, off = posterior_of(self.moments, self.spread(parameters)), decays_off(parameters)
-            gradient = 2 * found.variance_gradient @ self.design - off / DECAY_SPREAD
-            evidence = relative_log_evidence(found, self.moments.square)
-            return 0.5 * float(off @ off) - evidence, -gradient
-
-        options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
-        found = scipy.optimize.minimize(
-            cost, start, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
-        )
-        return np.asarray(found.x)
 
 
 def decays_off(parameters: Array) -> Array:

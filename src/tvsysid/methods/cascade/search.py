@@ -127,7 +127,7 @@ class Search:
         fit, white = solved(data), self.data
         if data.varies:
             constant = solved(data.constant)
-            if not _is_better(fit, constant, MIN_CHANGE_EVIDENCE):
+            if not _is_better(fit, constant):
                 fit, white = constant, white.constant
         share = attrs.evolve(fit, data=white).share()  # unknown if there is a single fold
         if share - fit.share() > MAX_MISFIT * (1 - share):
@@ -209,12 +209,12 @@ def _refined(fit: Fit) -> Fit:
     return best if _is_better(best, simple) else simple
 
 
-def _is_better(best: Fit, rest: Fit, least: float = 0.0) -> bool:
+def _is_better(best: Fit, rest: Fit) -> bool:
     """Return whether ``best`` predicts held-out data better than ``rest``.
 
-    With few realizations: whether its log evidence is greater by more than ``least``.
+    With few realizations: whether its log evidence is greater.
     """
     if len(best.data.torque) < MIN_TESTED_REALIZATIONS:
-        return best.objective > rest.objective + least
+        return best.objective > rest.objective + MIN_CHANGE_EVIDENCE
     squares = best.data.squares
     return prediction_p_value(squares(best.held_out), squares(rest.held_out)) < MAX_CHANGE_P_VALUE

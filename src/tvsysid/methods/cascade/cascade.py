@@ -20,7 +20,7 @@ from tvsysid.methods.cascade.fit import (
     posterior_of,
 )
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import PATHWAYS, TwoPathwayModel, explained_shares
+from tvsysid.methods.cascade.pathways import TwoPathwayModel
 from tvsysid.methods.cascade.search import Hyperparameters, Search, Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.bands import arc_length
@@ -187,7 +187,7 @@ class JointCascadeModel(TwoPathwayModel):
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         found = super()._pathways(ensemble)
-        fast = unresolved(ensemble.angle_as_recorded, len(self.lags) // 2, self.sampling_rate)
+        fast = unresolved(ensemble, len(self.lags) // 2)
         further = np.einsum("td,drt->rt", self.fast_response, fast[..., ensemble.core])
         if ensemble.mean_subtracted:
             further -= further.mean(axis=0)
@@ -233,7 +233,7 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
             direction, data.varies, data.noise, fit.shape, fit.parameters
         ),
         diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
-    )
+    ).with_details(ensemble)
 
 
 def _estimate(fit: Fit, unit: str, features: Array, limited: bool, start: int = 0) -> Estimate:
@@ -273,19 +273,15 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
 
 
 def _details(selection: Selection) -> dict[str, float]:
-    search, direction, shown, fit, used = selection
+    search, _, shown, fit, used = selection
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[fit.free]
     details = {"reflex_detected": float(shown), "constant": float(not used.data.varies)}
     details |= dict(zip(SHAPE_NAMES, values.tolist(), strict=True))
     details |= {f"{SHAPE_NAMES[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
-    if search.emg is None:
-        details["direction"] = float(direction)
-    else:
+    if search.emg is not None:
         del details["threshold"]
-    torques = used.data.torques(used.posterior.mean, used.reflex_columns)
-    details |= explained_shares(used.data.torque, dict(zip(PATHWAYS, torques, strict=True)))
     if fit.free or not shown:  # else it is a refit, which holds out nothing
         details["vaf_held_out"] = 100 * used.share()
     return details

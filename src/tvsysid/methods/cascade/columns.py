@@ -77,22 +77,23 @@ def filtered(values: Array, filters: Array) -> Array:
     return np.stack([correlate1d(values, weights) for weights in filters[:, ::-1]])
 
 
-def unresolved(recorded: Array, lags: int, rate: float) -> Array:
+def unresolved(ensemble: Ensemble, lags: int) -> Array:
     """Return velocity and acceleration that the lags of the decimated angle miss.
 
-    Their shape is (2, realization, time). They are derivatives of the angle as ``recorded``
-    (realization, time, sample), decimated as the torque was. With them, the model follows the
-    torque of fast movements that decimation aliases to a slower one. They are zero where a filter
-    reaches beyond the samples.
+    Their shape is (2, realization, context + time + context). They are derivatives of the angle as
+    recorded, decimated as the torque was, less those of the decimated angle. With them, the model
+    follows the torque of fast movements that decimation aliases to a slower one. They are zero
+    where a filter reaches beyond the samples.
     """
+    recorded, rate = ensemble.angle_as_recorded, ensemble.sampling_rate
     ratio = recorded.shape[-1]
-    out = np.zeros((2, *recorded.shape[:2]))
+    out = np.zeros((2, *ensemble.angle.shape))
     if ratio > 1:
-        angle = recorded.reshape(len(recorded), -1)
-        slow = filtered(keep_every(angle, ratio), intrinsic_filters(lags, rate)[1:3])
         filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
         filters = filters * (rate * ratio) ** np.array([[1], [2]])
+        angle = recorded.reshape(len(recorded), -1)
         fast = np.stack([keep_every(each, ratio) for each in filtered(angle, filters)])
+        slow = filtered(ensemble.angle, intrinsic_filters(lags, rate)[1:3])
         reach = max(lags, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
         out[..., reach:-reach] = (fast - slow)[..., reach:-reach]
     return out
@@ -147,7 +148,7 @@ class Data:
         if lags < 1:
             raise InputError(f"JointCascade: it takes more than 12.5 Hz, got {rate:g} Hz")
         signals = filtered(ensemble.angle, intrinsic_filters(lags, rate))
-        signals[1:3] += unresolved(ensemble.angle_as_recorded, lags, rate)
+        signals[1:3] += unresolved(ensemble, lags)
         edge = max(0, lags - ensemble.context)
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Self
 
@@ -109,9 +109,18 @@ class TwoPathwayModel(ImpulseResponseModel):
     drive: Drive
 
     def with_details(self, ensemble: Ensemble) -> Self:
-        """Return the model with details: the direction of stretch, and :func:`explained_shares`."""
-        shares = explained_shares(ensemble.torque[:, ensemble.core], self.pathways(ensemble))
-        details = {**self.diagnostics.details, **shares}
+        """Return the model with details: explained shares of the torque, direction of stretch.
+
+        They are shares of the torque's variance in %, of both pathways together and of each alone.
+        """
+        pathways = self.pathways(ensemble)
+        parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
+        parts |= {f"vaf_{name}": torque for name, torque in pathways.items()}
+        known = np.isfinite(parts["vaf"])
+        torque = ensemble.torque[:, ensemble.core][known]
+        details = dict(self.diagnostics.details)
+        for name, part in parts.items():
+            details[name] = 100 * (1 - float(np.var(torque - part[known]) / np.var(torque)))
         if isinstance(self.drive, Stretch):
             details["direction"] = float(self.drive.direction)
         return attrs.evolve(self, diagnostics=attrs.evolve(self.diagnostics, details=details))
@@ -131,15 +140,3 @@ class TwoPathwayModel(ImpulseResponseModel):
         variables["reflex_response"] = (("time", "reflex_lag"), self.reflex_response)
         coordinates = {**coordinates, "reflex_lag": (("reflex_lag",), self.reflex_lags)}
         return variables, coordinates
-
-
-def explained_shares(torque: Array, pathways: Mapping[str, Array]) -> dict[str, float]:
-    """Return the shares of the torque's square that pathways explain, together and alone, in %."""
-    parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
-    parts |= {f"vaf_{name}": part for name, part in pathways.items()}
-    known = np.isfinite(parts["vaf"])
-    power = np.sum(torque[known] ** 2)
-    return {
-        name: 100 * (1 - float(np.sum((torque - part)[known] ** 2) / power))
-        for name, part in parts.items()
-    }

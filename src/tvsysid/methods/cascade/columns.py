@@ -243,8 +243,8 @@ class Data:
     @property
     def changing(self) -> list[tuple[Array, Array]]:
         """Return angle and velocity (realization, time), and their functions (time, column)."""
-        bases = np.split(self.functions[self.times], self.starts[1:3], axis=1)[:CHANGING]
-        return list(zip(self.signals[:CHANGING], bases, strict=True))
+        bases = np.split(self.functions[self.times], self.starts[1:], axis=1)
+        return list(zip(self.signals, bases, strict=True))[:CHANGING]
 
     @cached_property
     def changing_products(self) -> list[Array]:

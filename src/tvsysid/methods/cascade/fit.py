@@ -282,13 +282,12 @@ def posterior_of(moments: Moments, spread: Array, positive: Array | None = None)
         mean, left = mean + step @ found.inverse_factor, left + float(step @ step)
     left = max(left, 1e-14 * moments.square + np.finfo(float).tiny)
     noise = left / moments.number
-    precision = found.precision / noise
     return attrs.evolve(
         found,
         mean=mean,
         penalized_residual=left,
         noise_variance=noise,
-        precision=precision,
+        precision=found.precision / noise,
     )
 
 

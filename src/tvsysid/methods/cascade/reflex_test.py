@@ -13,7 +13,7 @@ from scipy.special import stdtr, stdtrit
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import usual_shape
-from tvsysid.methods.cascade.pathways import rectified_velocities
+from tvsysid.methods.cascade.pathways import DIRECTIONS, rectified_velocities
 from tvsysid.numerics.gaussian import TINY, Moments, solve
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Array, Ensemble
@@ -31,7 +31,7 @@ class ReflexTest(NamedTuple):
     """Evidence for a stretch reflex in held-out realizations.
 
     ``direction`` is 1 for a reflex to positive velocity and -1 for one to negative velocity,
-    whichever predicts better. ``over_none`` and ``over_linear`` are the p-values of whether
+    whichever has the larger gain. ``over_none`` and ``over_linear`` are the p-values of whether
     the reflex predicts better than no reflex, and than a late response that is the same in both
     directions. ``share`` is the smallest share of the squared error that the reflex explains
     (confidence 95 %); it is negative where none is certain.
@@ -92,16 +92,16 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
     data, both = _columns(ensemble, HARMONICS)
-    linear, directed = both.sum(axis=0, keepdims=True), (both[:1], both[1:])
-    by_none, by_linear, by_both, *by_one = (
-        _held_out(data, late) for late in (both[:0], linear, both, *directed)
+    gains = _least_squares(data.moments(both))[-2:]
+    index = int(np.argmax(np.abs(gains)))
+    directed, linear = both[index : index + 1], both.sum(axis=0, keepdims=True)
+    by_none, by_directed, by_linear, by_both = (
+        _held_out(data, late) for late in (both[:0], directed, linear, both)
     )
-    positive, negative = (np.log(data.squares(each)) for each in by_one)
-    index = 0 if np.sum(negative - positive) >= 0 else 1
-    over_none, share_over_none = _improvement(data, by_none, by_one[index])
+    over_none, share_over_none = _improvement(data, by_none, by_directed)
     over_linear, share_over_linear = _improvement(data, by_linear, by_both)
     return ReflexTest(
-        direction=(1, -1)[index],
+        direction=DIRECTIONS[index],
         over_none=min(1.0, 2 * over_none),  # each of two directions may add to none by chance
         over_linear=over_linear,
         share=min(share_over_none, share_over_linear),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -11,7 +10,6 @@ import attrs
 import numpy as np
 from scipy.linalg import block_diag
 
-from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import (
     DAMPING,
@@ -124,11 +122,9 @@ class Search:
 
         residual = solved(self.data).residual
         data = attrs.evolve(self.data, noise=autocorrelation(residual))
-        fit, white = solved(data), self.data
-        if data.varies:
-            constant = solved(data.constant)
-            if not _is_better(fit, constant):
-                fit, white = constant, white.constant
+        fit, constant, white = solved(data), solved(data.constant), self.data
+        if not _is_better(fit, constant):
+            fit, white = constant, white.constant
         share = attrs.evolve(fit, data=white).share()  # unknown if there is a single fold
         if share - fit.share() > MAX_MISFIT * (1 - share):
             fit = solved(attrs.evolve(fit.data, noise=autocorrelation(residual, WHITE_FLOOR)))
@@ -138,9 +134,8 @@ class Search:
         """Return the fit with a reflex if held-out realizations show one, or if EMG drives it."""
         direction, shown = 1, self.emg is not None
         if not shown and len(self.ensemble) >= MIN_TESTED_REALIZATIONS:
-            with suppress(InputError):  # realizations are too short for it
-                test = reflex_test_of(self.ensemble)
-                direction, shown = test.direction, test.shown
+            test = reflex_test_of(self.ensemble)
+            direction, shown = test.direction, test.shown
         drive = self.drive_by_threshold(direction)
         if shown:
             fit = self._limited(_refined(self.fit(drive)))

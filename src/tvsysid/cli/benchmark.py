@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -119,17 +120,17 @@ def benchmark(
             say(scenario.label)
         trials = f"{study.trials} trials of each of {len(study.scenarios)} scenarios"
         return show_plan(study, workers, f"{trials}, seed {study.seed}")
-    with opened(workers) as (executor, count):
-        results = run_study(study, out, executor, count)
-    return write(results, out, command_line())
+    with opened(workers) as executor:
+        results = run_study(study, out, workers, executor)
+        return write(results, out, command_line(), executor)
 
 
-def write(results: xr.Dataset, out: Path, command: str) -> int:
+def write(results: xr.Dataset, out: Path, command: str, executor: Executor | None = None) -> int:
     """Write tables, figures and report, print a summary, and return the exit code."""
     from tvsysid.studies import published
 
     literature = published(results)
     with errors.status("scoring and drawing"):
-        written = literature.write(results, out, command)
+        written = literature.write(results, out, command, executor)
     need = f"other scenarios: --preset {', '.join(literature.presets)}"
     return show_study(written, results, out, "scenario", need)

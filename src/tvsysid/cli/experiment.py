@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import attrs
 
@@ -109,19 +110,20 @@ def experiment(
 
     options = given(**attrs.asdict(settings))
     study = Experiment.from_toml(study_toml, **options) if study_toml else Experiment(**options)
-    with shown_progress("preparing recordings") as advance:
-        prepared = prepared_recordings(study, advance)
-    for item in prepared:
-        for text in item.remarks:
-            remark("error" if text == item.failure else "warning", f"{item.recorded.label}: {text}")
-    if all(item.failure for item in prepared):
-        raise InputError("no recording can be used; correct the errors above")
-    if dry_run:
-        return show_plan(study, workers, f"{study.bootstraps} draws, seed {study.seed}", prepared)
-    with opened(workers) as (executor, count):
-        results = run_study(study, out, executor, count, prepared)
-        call_each = executor.map if executor else map
-        return write(results, prepared, out, command_line(), call_each)
+    with opened(workers) as executor:
+        with shown_progress("preparing recordings") as advance:
+            prepared = prepared_recordings(study, advance)
+        for item in prepared:
+            for text in item.remarks:
+                line = f"{item.recorded.label}: {text}"
+                remark("error" if text == item.failure else "warning", line)
+        if all(item.failure for item in prepared):
+            raise InputError("no recording can be used; correct the errors above")
+        if dry_run:
+            draws = f"{study.bootstraps} draws, seed {study.seed}"
+            return show_plan(study, workers, draws, prepared)
+        results = run_study(study, out, workers, executor, prepared)
+        return write(results, prepared, out, command_line(), executor)
 
 
 def write(
@@ -129,11 +131,11 @@ def write(
     prepared: Sequence[Prepared],
     out: Path,
     command: str,
-    call_each: Callable[..., Iterator[Any]] = map,
+    executor: Executor | None = None,
 ) -> int:
     """Write tables, ensembles, figures and report, print a summary, and return the exit code."""
     from tvsysid.studies.van_de_ruit_2021.experiment import write_experiment
 
     with errors.status("scoring and drawing"):
-        written = write_experiment(results, prepared, out, command, call_each)
+        written = write_experiment(results, prepared, out, command, executor)
     return show_study(written, results, out, "perturbation", "what the report says")

@@ -52,8 +52,8 @@ def leaderboard(
     from tvsysid.studies.leaderboard import FILES, study_of, write_leaderboard
 
     study = study_of(method or (), **given(trials=trials, seed=seed))
-    with opened(workers) as (executor, count):
-        results = run_study(study, out, executor, count)
+    with opened(workers) as executor:
+        results = run_study(study, out, workers, executor)
     with errors.status("scoring and drawing"):
         table = write_leaderboard(study, results, out)
     columns = {

@@ -28,25 +28,23 @@ def command_line() -> str:
 
 
 @contextmanager
-def opened(workers: Workers) -> Iterator[tuple[Executor | None, int]]:
-    """Open the executor of a study, and yield it with the number of its workers."""
+def opened(workers: Workers) -> Iterator[Executor | None]:
+    """Open the executor of a study; None is this process."""
     from tvsysid.study.workers import cores, local_workers
 
     if workers.scheduler is None:
-        count = workers.workers or cores()
-        with local_workers(count) as pool:
-            yield pool, count
+        with local_workers(workers.workers or cores()) as pool:
+            yield pool
     else:
         with _dask_client(workers.scheduler) as client:
-            count = workers.workers or sum(client.nthreads().values())
-            yield client.get_executor(pure=False), count
+            yield client.get_executor(pure=False)
 
 
 def run_study(
     study: Study | Experiment,
     out: Path,
+    workers: Workers,
     executor: Executor | None,
-    workers: int,
     prepared: Sequence[Prepared] = (),
 ) -> xr.Dataset:
     """Run the missing tasks of a study in a folder, with progress."""
@@ -56,7 +54,12 @@ def run_study(
         Thread(target=import_module, args=(module,)).start()
     with shown_progress("running") as progress:
         return run(
-            study, out, prepared=prepared, workers=workers, executor=executor, progress=progress
+            study,
+            out,
+            prepared=prepared,
+            workers=workers.workers,
+            executor=executor,
+            progress=progress,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -119,7 +120,13 @@ class PublishedStudy:
                 )
         return shown | self.further(results)
 
-    def write(self, results: xr.Dataset, folder: Path, command: str = "") -> Written:
+    def write(
+        self,
+        results: xr.Dataset,
+        folder: Path,
+        command: str = "",
+        executor: Executor | None = None,
+    ) -> Written:
         """Write tables, figures and page of a study.
 
         Parameters
@@ -128,13 +135,16 @@ class PublishedStudy:
             As of :func:`tvsysid.study.run`, finished or not, and where to write.
         command
             Command that ran the study; the page does not mention it if it is empty.
+        executor
+            Draws the figures; None draws them in this process.
         """
         scores = score(results)
         summary, claims = summarize(scores), self.judge(scores)
         tables = {"summary.csv": summary, "claims.csv": claims}
         for name, table in tables.items():
             write_table(folder / name, table)
-        pictures = draw_all(self.figures(results, summary), folder / "figures")
+        call_each = executor.map if executor else map
+        pictures = draw_all(self.figures(results, summary), folder / "figures", call_each)
         page = folder / "report.html"
         write_report(page, results, summary, claims, pictures, command, self.says)
         return Written(summary, claims, ("report.html", *tables, "figures/"))

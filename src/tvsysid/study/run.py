@@ -22,7 +22,7 @@ from tvsysid.study.experiment import Experiment
 from tvsysid.study.measure import Scores
 from tvsysid.study.scenarios import Study
 from tvsysid.study.tasks import Task, read_scores, run_task, write_scores
-from tvsysid.study.workers import run_tasks
+from tvsysid.study.workers import cores, local_workers, run_tasks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,8 +57,7 @@ def run(
         The results do not depend on it.
     executor
         Runs the tasks instead of local processes: that of a Dask cluster
-        (``client.get_executor()``), of MPI, Ray or submitit. Then ``workers`` is the number of
-        its workers.
+        (``client.get_executor()``), of MPI, Ray or submitit.
     progress
         Called with the numbers of finished tasks and of all tasks, first before any is run.
 
@@ -112,7 +111,10 @@ def run(
         scores = {file: found for file in files if (found := read_scores(file))}
         progress(len(scores), len(files))
         missing = {file: task for file, task in files.items() if file not in scores}
-        for file, measured in stack.enter_context(closing(run_tasks(missing, workers, executor))):
+        count = min(workers or cores(), len(missing))
+        if executor is None:
+            executor = stack.enter_context(local_workers(count))
+        for file, measured in stack.enter_context(closing(run_tasks(missing, executor, count))):
             write_scores(measured, file)
             scores[file] = measured
             progress(len(scores), len(files))

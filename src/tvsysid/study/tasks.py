@@ -64,6 +64,10 @@ class Task:
     methods: Mapping[str, Method]
     depends_on: object
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # With the code of a notebook; only when the task is sent, as it holds all the data
+        return _unpickled, (cloudpickle.dumps(attrs.asdict(self, recurse=False)),)
+
     @property
     def file_name(self) -> str:
         """Name of its file: a hash of all that the scores depend on."""
@@ -88,6 +92,10 @@ class Task:
         return stack(cells, len(self.draws), len(self.methods))
 
 
+def _unpickled(settings: bytes) -> Task:
+    return Task(**cloudpickle.loads(settings))
+
+
 _one_at_a_time = threading.Lock()
 
 
@@ -99,11 +107,6 @@ def run_task(task: Task) -> Scores:
             return task.scores()
     except Exception as error:
         raise InputError(f"run: {task.case} failed: {describe_error(error)}") from error
-
-
-def run_pickled(task: bytes) -> Scores:
-    """Return the scores of a task that ``cloudpickle`` has pickled, with code of a notebook."""
-    return run_task(cloudpickle.loads(task))
 
 
 def identity_of(item: object) -> str:

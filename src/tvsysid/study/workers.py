@@ -8,20 +8,17 @@ import os
 import signal
 import threading
 from collections.abc import Generator, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
-import cloudpickle
-
 from tvsysid.errors import InputError, one_line
 from tvsysid.study.measure import Scores
-from tvsysid.study.tasks import Task, run_pickled, run_task
+from tvsysid.study.tasks import Task, run_task
 
 RESUME = "Run the same command again to resume"
-UNKNOWN_WORKERS = 32  # workers that an executor is assumed to have
 
 
 def cores() -> int:
@@ -32,54 +29,37 @@ def cores() -> int:
 
 
 def run_tasks(
-    tasks: Mapping[Path, Task], workers: int | None = None, executor: Executor | None = None
+    tasks: Mapping[Path, Task], executor: Executor | None, workers: int
 ) -> Generator[tuple[Path, Scores], None, None]:
     """Run tasks, and yield the file of each with its scores as they come.
 
     Parameters
     ----------
-    workers
-        Local processes; None takes one for each core, 1 works in this process.
     executor
-        Runs the tasks instead. It needs no access to the files. Then ``workers`` is the number of
-        workers that it has.
+        Runs the tasks. It needs no access to the files. None runs them in this process.
+    workers
+        Number of tasks that are named if a worker dies: those that were begun first.
 
     Raises
     ------
     InputError
         If a worker dies, or the executor fails.
     """
-    if executor is not None:
-        yield from _by_executor(tasks, executor, workers or UNKNOWN_WORKERS)
+    if executor is None:
+        yield from ((file, run_task(task)) for file, task in tasks.items())
         return
-    count = min(workers or cores(), len(tasks))
-    with local_workers(count) as pool:
-        if pool:
-            yield from _by_executor(tasks, pool, count)
-        else:
-            yield from ((file, run_task(task)) for file, task in tasks.items())
-
-
-def _by_executor(
-    tasks: Mapping[Path, Task], executor: Executor, workers: int
-) -> Iterator[tuple[Path, Scores]]:
-    """Yield scores as they come. A second task for each worker waits while the first is run."""
-    waiting = iter(tasks.items())
     running: dict[Future[Scores], Path] = {}
     try:
-        while True:
-            for file, task in islice(waiting, 2 * workers - len(running)):
-                running[executor.submit(run_pickled, cloudpickle.dumps(task))] = file
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                measured = future.result()
-                yield running.pop(future), measured
+        for file, task in tasks.items():
+            running[executor.submit(run_task, task)] = file
+        for future in as_completed(running):
+            measured = future.result()
+            yield running.pop(future), measured
     except InputError:
         raise
     except Exception as error:
-        sent = (tasks[file] for file in running.values())
-        names = dict.fromkeys(f" at {task.case} by {', '.join(task.methods)}" for task in sent)
+        begun = (tasks[file] for file in islice(running.values(), workers))
+        names = dict.fromkeys(f" at {task.case} by {', '.join(task.methods)}" for task in begun)
         raise InputError(
             f"run: a worker failed ({type(error).__name__}: {one_line(str(error))})"
             f"{' or'.join(names)}. It crashed, ran out of memory, did not start (a script must "
@@ -105,6 +85,8 @@ def local_workers(count: int) -> Iterator[Executor | None]:
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, context, initializer=_begin)
+    for _ in range(count):  # start all, which takes a second, before there is work
+        pool.submit(cores)
     try:
         yield pool
     except BrokenProcessPool as error:

@@ -7,10 +7,11 @@ thresholds: those here are ours, and part of the sentences.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import sem
@@ -223,7 +224,7 @@ def write_experiment(
     prepared: Sequence[Prepared],
     folder: Path,
     command: str = "",
-    call_each: Callable[..., Iterator[Any]] = map,
+    executor: Executor | None = None,
 ) -> Written:
     """Write tables, ensembles, figures and pages of an experiment.
 
@@ -234,13 +235,13 @@ def write_experiment(
     prepared
         The recordings; none, if they are gone: then ``answers.csv``, ``exclusions.csv`` and
         ``prepared/`` stay as they are.
-    call_each
-        Calls a function of each item. The ``map`` of an executor finds the stiffness to report, and
-        draws, in its workers.
+    executor
+        Finds the stiffness to report, and draws; None does it in this process.
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
     results = results.load()
+    call_each = executor.map if executor else map
     found = stiffness_to_report(prepared, results, call_each)
     summary, claims = summarize(results), judge_experiment(results)
     tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}

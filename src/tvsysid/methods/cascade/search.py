@@ -179,7 +179,7 @@ class Separation(NamedTuple):
 
 @lru_cache(maxsize=1)  # checks ask for the same ensemble
 def separated(ensemble: Ensemble) -> Separation:
-    """Separate the pathways with the reflex that predicts best, whether it is shown or not."""
+    """Separate the pathways with the likeliest reflex, whether it is shown or not."""
     search = Search(ensemble, (HARMONICS, HARMONICS, 0), None, None)
     fit = search.fit(search.drive_by_threshold(reflex_test_of(ensemble).direction))
     means = (each.posterior.mean for each in (Fit(search.data, None, fit.shape, []), fit))
@@ -207,7 +207,7 @@ def _refined(fit: Fit) -> Fit:
 def _is_better(best: Fit, rest: Fit) -> bool:
     """Return whether ``best`` predicts held-out data better than ``rest``.
 
-    With few realizations: whether its log evidence is greater.
+    With few realizations: whether its log evidence is clearly greater.
     """
     if len(best.data.torque) < MIN_TESTED_REALIZATIONS:
         return best.objective > rest.objective + MIN_CHANGE_EVIDENCE

@@ -71,7 +71,7 @@ def main() -> None:
 def half_band(protocol: Protocol, plan: Plan, method: str, count: int, trials: int) -> float:
     """Return 1.96 times the total error that a method reaches with so many realizations."""
     made = [protocol.simulated(count, FIRST_TRIAL + trial) for trial in range(trials)]
-    values, _ = identify_each(plan.methods[method], (each.ensemble for each in made))
+    values, _ = identify_each(plan.methods[method].identify, (each.ensemble for each in made))
     return HALF_BAND * total_error(values, made[0].stiffness[0])
 
 

@@ -24,5 +24,5 @@ def test_plan_from_a_pilot(tvsysid, tmp_path, monkeypatch, sketched):
     assert "sds:window=0.6 does not suffice: its bias alone is" in shown
     assert (tmp_path / "planned" / "plan.png").read_bytes().startswith(b"\x89PNG")
     table = (tmp_path / "planned" / "plan.csv").read_text(encoding="utf-8").splitlines()
-    assert table[0].startswith("setup,method,realizations,minutes")
+    assert table[0].startswith("setup,method,realizations,record (s),± noise,± bias")
     assert len(table) == 3

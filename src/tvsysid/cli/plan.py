@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -143,35 +142,30 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
 
 def _show(found: Plan) -> None:
     """Print the answer, a table of the methods for each setup, and why some do not suffice."""
+    from tvsysid.planning.plans import COLUMNS
+
     say(str(found), "bold")
-    columns = {
-        "method": "method",
-        "realizations": "realizations:d",
-        "record": "record",
-        "± noise": "half_width:.1f",
-        "± bias": "bias:.1f",
-        "± both": "both:.1f",
-        "follows a step in (s)": "rise_time:.2f",
-    }
-    for setup in found.setups:
+    columns = dict(list(COLUMNS.items())[1:-2])
+    for setup, protocol in found.setups.items():
         rows = [each for each in found.required if each.setup == setup]
-        records = []
-        for each in rows:
-            record, bias = each.duration if each.realizations else None, found.multiple * each.bias
-            shown = {"record": record, "bias": bias, "both": math.hypot(each.half_width, bias)}
-            records.append(each._asdict() | shown)
-        show_table(setup, records, columns)
+        show_table(setup, [each._asdict() for each in rows], columns)
+        if any(each.realizations is None for each in rows):
+            say(f"  -: no number suffices; the row is for {protocol.sizes[-1]} realizations")
         for each in rows:
             if each.why:
                 say(f"  {each.method} does not suffice: {each.why}")
-            if each.excess > MAX_EXCESS:
-                say(
-                    f"  {each.method} scatters {each.excess:.1f} times as much in the pilot as "
-                    "simulated. The plan allows for it; the band of `identify` does not."
-                )
+        ratios = [
+            f"{each.method} {each.excess:.1f} times" for each in rows if each.excess > MAX_EXCESS
+        ]
+        if ratios:
+            say(
+                "  between halves of the pilot, stiffness differs more than simulated "
+                f"({', '.join(ratios)}); ± noise counts this, the band of `identify` does not"
+            )
     if all(each.pilot is None for each in found.setups.values()):
         say("assumed: pink noise of the torque, as voluntary torque is; --pilot measures yours")
     say(
         f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}. The band of "
-        "`identify` is wider with adaptive: it also covers how fast stiffness may change"
+        "`identify` leaves out that realizations differ, but adds how fast stiffness may change, "
+        "so it is not the ± noise here; to plan, trust ± noise"
     )

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import attrs
@@ -14,31 +13,26 @@ import scipy
 
 from tvsysid.errors import describe_error, without_quality_warnings
 from tvsysid.methods import Method
-from tvsysid.metrics import debiased_bias_error, random_error, rise_time
-from tvsysid.planning.protocol import Protocol, Simulated
+from tvsysid.metrics import debiased_bias_error, rise_time
+from tvsysid.models import Model
+from tvsysid.planning.protocol import Protocol, Simulated, scatter
 from tvsysid.preprocess import subtract_mean
 from tvsysid.signals import Array, Ensemble
 
 MIN_REALIZATIONS = 10  # of a pilot's halves
 DRAWS = 6  # simulated ensembles of each size
-SPLITS = 2  # of a pilot into random halves
+SPLITS = 6  # of a pilot into random halves
 POWERS = np.array([0.75, 1.0, 2.0, 4.0])  # of 1/n, whose sum is the variance
-# Random error over that of the next larger size from which on a method breaks down.
-BREAKDOWN_RATIO = 6.0
 ROUNDS = 10  # of reweighted least squares
 MAX_RISE_S = 0.4  # on either side of a step
 
 
 class Errors(NamedTuple):
-    """Random error and bias error of the stiffness in N·m/rad, as of :mod:`tvsysid.metrics`."""
+    """Random error and bias error in N·m/rad (:mod:`tvsysid.metrics`), and RMS sum of both."""
 
     random: float
     bias: float
-
-    @property
-    def total(self) -> float:
-        """Root mean square of both."""
-        return math.hypot(self.random, self.bias)
+    total: float
 
 
 @attrs.frozen(eq=False)
@@ -48,8 +42,7 @@ class Curve:
     Parameters
     ----------
     realizations
-        Numbers of realizations, shape (size,). Sizes at which the method fails or breaks down are
-        left out.
+        Numbers of realizations, shape (size,). Sizes at which the method fails are left out.
     random, bias
         Random error and bias in N·m/rad, shape (size,).
     why
@@ -63,17 +56,6 @@ class Curve:
     bias: Array
     why: str = ""
     excess: float = 1.0
-
-    @classmethod
-    def of(cls, rows: Sequence[Sequence[float]], why: str = "") -> Curve:
-        """Return the curve of rows (realizations, random, bias).
-
-        It begins where the method does not break down.
-        """
-        table = np.reshape(rows, (-1, 3)).T
-        broken = np.flatnonzero(table[1, :-1] > BREAKDOWN_RATIO * table[1, 1:])
-        realizations, errors, bias = table[:, max(broken, default=-1) + 1 :]
-        return cls(realizations, errors, bias, why)
 
     @cached_property
     def powers(self) -> Array:
@@ -94,59 +76,62 @@ class Curve:
 
         Beyond the largest size, the bias stays and the variance goes on falling.
         """
-        if not self.realizations.size or count < self.realizations[0]:
-            return Errors(math.nan, math.nan)
+        if count < min(self.realizations, default=math.inf):
+            return Errors(*[math.nan] * 3)
         bias = float(np.interp(math.log(count), np.log(self.realizations), self.bias))
-        return Errors(self.excess * math.sqrt(float(count**-POWERS @ self.powers)), bias)
+        random = self.excess * math.sqrt(float(count**-POWERS @ self.powers))
+        return Errors(random, bias, math.hypot(random, bias))
 
     def needed(self, error: float, most: int) -> int | None:
         """Return the fewest realizations up to ``most`` with a total error this small, or None."""
-        counts = range(int(min(self.realizations, default=most + 1)), most + 1)
-        place = bisect_left(counts, -error, key=lambda count: -self.at(count).total)
-        return counts[place] if place < len(counts) else None
+        counts = range(1, most + 1)
+        return next((count for count in counts if self.at(count).total <= error), None)
 
 
-def measure_curve(method: Method, records: Sequence[Simulated], sizes: Iterable[int]) -> Curve:
-    """Return the curve of a method from ensembles of these sizes, cut from simulated records."""
+def measure_curve(
+    method: Method, protocol: Protocol, records: Sequence[Simulated], seed: int
+) -> Curve:
+    """Return the curve of a method from ensembles that are cut from simulated records."""
     rows, why = [], ""
-    for count in sizes:
+    for count in protocol.sizes:
         parts = list(cut(records, count))
-        known, reason = identify_each(method, (each.ensemble for each in parts))
+        known, reason = identify_each(method.identify, (each.ensemble for each in parts))
         why = reason or why
         if len(known) > 1 and np.isfinite(known).all(axis=0).any():
             truth = np.mean([each.stiffness for each in parts], axis=(0, 1))
             rows.append((count, scatter(known), debiased_bias_error(known, truth)))
-    return Curve.of(rows, why)
+    excess = measure_excess(method, protocol, seed)
+    realizations, random, bias = np.reshape(rows, (-1, 3)).T
+    return Curve(realizations, random, bias, why, excess)
 
 
-def measure_excess(method: Method, protocol: Protocol, curve: Curve, seed: int) -> float:
+def measure_excess(method: Method, protocol: Protocol, seed: int) -> float:
     """Return how many times as much a method's stiffness scatters in a pilot as simulated.
 
-    Random halves of the pilot are compared with simulated ensembles as large. The result is 1 at
-    least, since a pilot that scatters less by chance promises nothing. It counts differences
-    between realizations, and noise that is neither Gaussian nor stationary.
+    Random halves of the pilot are compared with simulated ensembles as large. Methods that search,
+    as for a reflex, keep what they find in the whole pilot, for which a half may be too small. The
+    result is 1 at least, since a pilot that scatters less by chance promises nothing. It counts
+    differences between realizations, and noise that is neither Gaussian nor stationary.
     """
     pilot, random = protocol.pilot, np.random.default_rng(seed)
     if pilot is None or (half := len(pilot) // 2) < MIN_REALIZATIONS:
         return 1.0
-    promised, own = curve.at(half).random, protocol.as_recorded()
-    if str(own) != str(protocol):
-        halves = (own.simulated(half, seed + number).ensemble for number in range(DRAWS))
-        promised = scatter(identify_each(method, halves)[0])
-    variances = []
-    for _ in range(SPLITS):
-        order = random.permutation(len(pilot))
-        parts = (pilot.select(np.sort(order[start : start + half])) for start in (0, half))
-        both, _ = identify_each(method, parts)
-        if len(both) == 2:
-            variances.append(np.nanmean((both[0] - both[1]) ** 2) / 2)
-    measured = math.sqrt(np.mean(variances)) if variances else math.nan
-    return max(1.0, measured / promised)  # 1 if neither is known
+    own, whole = protocol.like(pilot), cache(partial(method.identify, pilot))
+
+    def measure(ensembles: Iterable[Ensemble]) -> float:
+        return scatter(identify_each(lambda each: method.refit(each, whole()), ensembles)[0])
+
+    promised = measure(own.simulated(half, seed + number).ensemble for number in range(2 * SPLITS))
+    orders = (random.permutation(len(pilot))[: 2 * half] for _ in range(SPLITS))
+    measured = [
+        measure(pilot.select(np.sort(part)) for part in np.split(order, 2)) for order in orders
+    ]
+    return max(1.0, math.hypot(*measured) / math.sqrt(SPLITS) / promised)  # 1 if neither is known
 
 
 def measure_rise(method: Method, stepped: Simulated) -> float:
     """Return the time in s in which a method's estimate rises from 10 to 90 % of a step."""
-    known, _ = identify_each(method, [stepped.ensemble])
+    known, _ = identify_each(method.identify, [stepped.ensemble])
     if not len(known):
         return math.nan
     low, high = float(stepped.stiffness.min()), float(stepped.stiffness.max())
@@ -158,28 +143,21 @@ def measure_rise(method: Method, stepped: Simulated) -> float:
     return float(np.maximum(rise, time[1]))  # no sooner than a sample
 
 
-def identify_each(method: Method, ensembles: Iterable[Ensemble]) -> tuple[Array, str]:
+def identify_each(
+    identify: Callable[[Ensemble], Model], ensembles: Iterable[Ensemble]
+) -> tuple[Array, str]:
     """Return the stiffness in each ensemble, shape (ensemble, time), and the reason of a failure.
 
-    Ensembles in which the method fails are left out.
+    Ensembles that a method fails to identify are left out.
     """
     found, why = list[Array](), ""
     with without_quality_warnings():
         for each in ensembles:
             try:
-                stiffness = method.identify(subtract_mean(each)).stiffness
+                found.append(identify(subtract_mean(each)).stiffness)
             except Exception as error:  # a method may fail on few ensembles
                 why = describe_error(error)
-                continue
-            if np.isfinite(stiffness).any():
-                found.append(stiffness)
     return np.array(found), why
-
-
-def scatter(estimates: Array) -> float:
-    """Return the random error of which these few estimates (estimate, time) are a sample."""
-    count = len(estimates)
-    return random_error(estimates) * math.sqrt(count / (count - 1)) if count > 1 else math.nan
 
 
 def cut(records: Sequence[Simulated], count: int) -> Iterator[Simulated]:

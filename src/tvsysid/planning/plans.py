@@ -13,13 +13,7 @@ import numpy as np
 
 from tvsysid.methods import Method, label_of, parse
 from tvsysid.numerics.bands import critical_value
-from tvsysid.planning.curves import (
-    DRAWS,
-    Curve,
-    measure_curve,
-    measure_excess,
-    measure_rise,
-)
+from tvsysid.planning.curves import DRAWS, Curve, measure_curve, measure_rise
 from tvsysid.planning.protocol import Protocol
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Ensemble
@@ -29,10 +23,22 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-METHODS = ("adaptive", "sds", "birf", "kbr")
 MARGIN = 1.1  # as the few simulated ensembles show an error to 10 %
 EXTRAPOLATION = 10  # times as many realizations follow the fitted law
 MIN_REALIZATIONS = 20  # to record; plans of fewer are optimistic
+# Heading of each value of a required recording, its name, and its format.
+COLUMNS = {
+    "setup": "setup",
+    "method": "method",
+    "realizations": "realizations:d",
+    "record (s)": "seconds:g",
+    "± noise": "noise:.1f",
+    "± bias": "bias:.1f",
+    "± both": "both:.1f",
+    "follows a step (s)": "rise_time:.2f",
+    "pilot / simulated": "excess:.1f",
+    "why not": "why",
+}
 HALF_BAND = float(critical_value(0.95, np.array([np.inf]))[0])  # in standard errors, at 95 %
 
 
@@ -46,12 +52,11 @@ class RequiredRecording(NamedTuple):
     realizations
         Number of realizations that suffices, or None.
     seconds
-        Duration to record, with the realizations at both ends that lack context.
-    half_width
-        Half of the 95 % band in N·m/rad with these realizations; with the most that were
-        simulated if none suffice.
-    bias
-        Root mean square over time of the bias in N·m/rad, which no band counts.
+        Duration to record, with the realizations at both ends that lack context; NaN if none
+        suffices.
+    noise, bias, both
+        1.96 times random error, bias error and both in N·m/rad with these realizations; with the
+        most that were simulated if none suffice.
     rise_time
         Time in s from 10 to 90 % of a step.
     excess
@@ -64,17 +69,12 @@ class RequiredRecording(NamedTuple):
     method: str
     realizations: int | None
     seconds: float
-    half_width: float
+    noise: float
     bias: float
+    both: float
     rise_time: float
     excess: float = 1.0
     why: str = ""
-
-    @property
-    def duration(self) -> str:
-        """Seconds or minutes to record, never rounded down."""
-        unit, size = ("s", 1) if self.seconds < 120 else ("min", 60)
-        return f"{math.ceil(round(10 * self.seconds / size, 6)) / 10:g} {unit}"
 
 
 @attrs.frozen(eq=False, repr=False)
@@ -108,13 +108,14 @@ class Plan:
             return f"{wish}: no method suffices, of those tried; see why in the table."
         setup, needed = self.setups[best.setup], best.realizations or 0
         count = max(needed, MIN_REALIZATIONS)
-        taken = best._replace(seconds=setup.seconds(count))
+        seconds = setup.seconds(count)
         more = ", with those at both ends, which lack context"
-        more = more if taken.seconds > count * setup.period else ""
-        fewer = f" The {needed} in the table suffice only at best." if count > needed else ""
+        more = more if seconds > count * setup.period else ""
+        few = f" The simulation needs {needed}, but fewer than {count} is optimistic: record at "
+        few = f"{few}least {count}." if count > needed else ""
         return (
             f"{wish}, with {best.method} and {best.setup}: {count} realizations of "
-            f"{setup.period:g} s; record {taken.duration}{more}.{fewer}"
+            f"{setup.period:g} s; record {seconds:g} s{more}.{few}"
         )
 
     def plot(self, title: str = "") -> Figure:
@@ -127,29 +128,27 @@ class Plan:
         return f"<p>{html.escape(str(self))}</p>{self.table().to_html(index=False)}"
 
     def table(self) -> pd.DataFrame:
-        """Return a table of the required recordings, with units in the column names."""
+        """Return a table of the required recordings. The ± are in N·m/rad."""
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        names = ["setup", "method", "realizations", "minutes", "± reached (N·m/rad)"]
-        names += ["bias (N·m/rad)", "rise time (s)", "pilot / simulated", "why not"]
-        table = pd.DataFrame(self.required).set_axis(names, axis=1)
-        return table.assign(minutes=table.minutes / 60).astype({"realizations": "Int64"})
+        table = pd.DataFrame(self.required).set_axis(list(COLUMNS), axis=1)
+        return table.astype({"realizations": "Int64"})
 
 
 def plan(
     setup: Ensemble | Protocol | Sequence[Ensemble | Protocol],
     precision: float = 5.0,
     resolution: float | None = None,
-    methods: Iterable[str | Method] = METHODS,
+    methods: Iterable[str | Method] = ("adaptive", "sds", "birf", "kbr"),
     *,
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Plan:
     r"""Find how many realizations it takes to know stiffness to ± ``precision`` at 95 %.
 
-    Ensembles of 10, 40 and 160 realizations are simulated (from a pilot, 10 and 80), six of each
+    Ensembles of 10, 40 and 160 realizations are simulated (from a pilot, 20 and 80), six of each
     size, and identified by each method. They give the random error and the bias of its stiffness
-    for 10 realizations or more. A number suffices where
+    for 10 (20) realizations or more. A number suffices where
 
     .. math:: 1.1 \cdot 1.96 \sqrt{Err_{random}^2 + Err_{bias}^2} \le precision
 
@@ -205,9 +204,7 @@ def plan(
         most, stepped = protocol.sizes[-1], protocol.stepped()
         records = [protocol.simulated(most, seed + number) for number in range(DRAWS)]
         for name, method in chosen.items():
-            curve = measure_curve(method, records, protocol.sizes)
-            excess = measure_excess(method, protocol, curve, seed)
-            curve = curves[label, name] = attrs.evolve(curve, excess=excess)
+            curve = curves[label, name] = measure_curve(method, protocol, records, seed)
             number = curve.needed(precision / HALF_BAND / MARGIN, EXTRAPOLATION * most)
             why = [] if number else [_why_not(curve, most, precision)]
             rise = math.nan
@@ -215,9 +212,9 @@ def plan(
                 rise = measure_rise(method, stepped.simulated(min(number or most, most), seed))
             if resolution is not None and not rise <= resolution:
                 why.append(f"it takes {rise:.2g} s to follow a step")
-            random, bias = curve.at(number or most)
-            reached = protocol.seconds(number or most), HALF_BAND * random, bias, rise, excess
-            required.append(RequiredRecording(label, name, number, *reached, "; ".join(why)))
+            random, bias, both = (HALF_BAND * each for each in curve.at(number or most))
+            errors = protocol.seconds(number or math.nan), random, bias, both, rise, curve.excess
+            required.append(RequiredRecording(label, name, number, *errors, "; ".join(why)))
             progress(len(required), len(setups) * len(chosen))
     return Plan(precision, resolution, setups, chosen, curves, tuple(required))
 
@@ -228,6 +225,5 @@ def _why_not(curve: Curve, most: int, precision: float) -> str:
         return curve.why or "it gives no stiffness"
     half_width = HALF_BAND * curve.at(most).bias
     if MARGIN * half_width > precision:
-        alone = float(f"{half_width:.2g}")
-        return f"its bias alone is ± {alone:g} N·m/rad, however much is recorded"
+        return f"its bias alone is ± {half_width:.1f} N·m/rad, however much is recorded"
     return f"{EXTRAPOLATION * most} realizations are too few"

@@ -13,6 +13,7 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from tvsysid.errors import InputError, without_quality_warnings
 from tvsysid.methods import AdaptiveRegression, label_of, resolve
+from tvsysid.metrics import random_error
 from tvsysid.preprocess import decimate, segment, subtract_mean
 from tvsysid.signals import Array, Ensemble, check_ensemble
 from tvsysid.simulate import (
@@ -23,14 +24,16 @@ from tvsysid.simulate import (
     Perturbation,
     Profile,
     ReflexJoint,
-    SineWave,
     SquareWave,
+    StretchReflex,
 )
+from tvsysid.simulate.actuator import drive_of
 from tvsysid.simulate.conditions import RMS_ANGLE
 from tvsysid.simulate.simulation import System
 from tvsysid.validators import optional, positive, settings_of, with_settings
 
 SIMULATED_HZ = 1000.0
+FADE_SAMPLES = 10  # from one realization of a pilot to the next
 STEP_SHARE = 0.25  # of a constant stiffness, that a step goes to either side of it
 NEGATIVE = (
     "the pilot's stiffness is negative: is the torque's sign reversed? (--torque-sign -1, in "
@@ -45,7 +48,7 @@ class Simulated(NamedTuple):
     stiffness: Array
 
 
-@attrs.frozen(eq=False, repr=False)
+@attrs.frozen(eq=False)
 class Spectrum:
     """Gaussian signal of a spectral density ``density`` at ``frequencies`` in Hz."""
 
@@ -65,30 +68,42 @@ class Spectrum:
         white = rfft(random.standard_normal(size))
         return np.asarray(irfft(white * np.sqrt(density * rate / 2), size)[:samples])
 
-    def __repr__(self) -> str:
-        return "the pilot's perturbation"
-
 
 # Voluntary torque is slow: its power falls with frequency.
 PINK = Spectrum(frequencies := np.geomspace(0.5, 500.0, 200), 1 / frequencies)
 
 
-@attrs.frozen(eq=False, repr=False)
+@attrs.frozen(eq=False)
 class Sampled:
-    """Profile of these ``values`` at the ``rate`` in Hz, repeated, linear between samples."""
+    """Profile or angle of these ``values`` at the ``rate`` in Hz, repeated without end."""
 
     values: Array
     rate: float
 
-    @property
-    def period(self) -> float:
-        """Period in s."""
-        return len(self.values) / self.rate
+    @classmethod
+    def angle_of(cls, ensemble: Ensemble) -> Sampled:
+        """Join the realizations in their order, means subtracted, at the recorded rate.
+
+        Each fades into the next, which changes nothing where the two follow each other.
+        """
+        recorded = ensemble.angle_as_recorded
+        ratio = recorded.shape[-1]
+        angle = (recorded - recorded.mean(axis=0)).reshape(len(recorded), -1)
+        joined, later = np.split(angle, [ensemble.samples * ratio], axis=1)
+        later = np.roll(later[:, : FADE_SAMPLES * ratio], 1, axis=0)
+        start = joined[:, : later.shape[1]]
+        start += np.linspace(1, 0, later.shape[1]) * (later - start)
+        return cls(joined.ravel(), ensemble.sampling_rate * ratio)
 
     def __call__(self, time: Array) -> Array:
-        """Return the value at each time in s."""
-        own = np.arange(len(self.values)) / self.rate
-        return np.interp(time, own, self.values, period=self.period)
+        """Return the value at each time in s, linear between samples."""
+        count = len(self.values)
+        return np.interp(time * self.rate, np.arange(count), self.values, period=count)
+
+    def generate(self, samples: int, rate: float, random: np.random.Generator) -> Array:
+        """Return what gives this angle, from a random time on, after the actuator's filter."""
+        start = random.integers(len(self.values)) / self.rate
+        return drive_of(self(start + np.arange(samples) / rate), rate)
 
 
 @attrs.frozen(eq=False)
@@ -146,9 +161,8 @@ class Protocol:
     def of(cls, ensemble: Ensemble) -> Protocol:
         """Identify a pilot's ensemble by ``adaptive``, to simulate more of the same.
 
-        The noise is the torque that the model does not explain. Noise and angle get the mean
-        spectra of the realizations. A reflex that is detected is simulated with the muscle of
-        :class:`tvsysid.simulate.StretchReflex`.
+        The noise has the spectrum of the torque that the model does not explain. The perturbation
+        is the pilot's angle. A reflex that is detected is simulated.
 
         Raises
         ------
@@ -156,9 +170,9 @@ class Protocol:
             For fewer than four realizations, or a stiffness that is negative in the mean.
         """
         check_ensemble("plan", ensemble)
-        centred = ensemble if ensemble.mean_subtracted else subtract_mean(ensemble)
+        centred = subtract_mean(ensemble)
         with without_quality_warnings():  # a diagnosis says it better
-            model = AdaptiveRegression().identify(centred)
+            model: Any = AdaptiveRegression().identify(centred)
         if np.mean(model.stiffness) < 0:
             raise InputError(NEGATIVE)
         rate = ensemble.sampling_rate
@@ -167,37 +181,47 @@ class Protocol:
             for name in ("stiffness", "viscosity", "reflex_gain")
             if name in model.estimates
         }
-        kind = ReflexJoint if "reflex_gain" in over_time else Joint
+        kind: type[Joint] = Joint
+        if model.reflex is not None:
+            kind, details = ReflexJoint, model.reflex.diagnostics.details
+            shape = {name: details[name] for name in settings_of(StretchReflex())}
+            # Joints are simulated at the usual amplitude.
+            shape["threshold"] *= RMS_ANGLE / scatter(centred.angle)
+            over_time["reflex"] = StretchReflex(**shape)
         residual = centred.torque[:, centred.core] - model.predict(centred)
         return cls(
             kind(inertia=float(np.mean(model.inertia)), **over_time),
             None,
-            noise=unbiased_std(residual),
+            noise=scatter(residual),
             period=ensemble.duration,
             rate=rate,
             noise_spectrum=Spectrum.of(residual, rate),
             context=ensemble.context / rate,
-            pilot=centred,
-        ).as_recorded()
+        ).like(centred)
 
-    def as_recorded(self) -> Protocol:
-        """Return the same with the perturbation and the amplitude of the pilot."""
-        if self.pilot is None:
-            return self
-        angle = self.pilot.angle
-        spectrum = Spectrum.of(angle, self.rate)
-        return attrs.evolve(self, perturbation=spectrum, amplitude=unbiased_std(angle))
+    def like(self, pilot: Ensemble) -> Protocol:
+        """Return the same joint with the perturbation and the amplitude of a pilot."""
+        return attrs.evolve(
+            self,
+            perturbation=Sampled.angle_of(pilot),
+            amplitude=scatter(pilot.angle),
+            pilot=pilot,
+        )
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Numbers of realizations to simulate. A pilot does not tell about many more.
 
-        With fewer than eight realizations, methods cannot detect a reflex.
+        Methods may not detect a reflex in fewer than 20 realizations.
         """
-        return (10, 40, 160) if self.pilot is None else (10, 80)
+        return (10, 40, 160) if self.pilot is None else (20, 80)
 
     def __str__(self) -> str:
-        return f"{label_of(self.perturbation)} of {self.amplitude:.2g} rad"
+        own = isinstance(self.perturbation, Sampled)
+        name = (
+            "the pilot's perturbation" if own else f"perturbation `{label_of(self.perturbation)}`"
+        )
+        return f"{name} at {self.amplitude:.2g} rad RMS"
 
     @cached_property
     def _parts(self) -> tuple[System, Perturbation]:
@@ -205,7 +229,7 @@ class Protocol:
         system = resolve(self.system, SYSTEMS, "system")
         if self.stiffness is not None and "stiffness" in settings_of(system):
             profile = resolve(self.stiffness, PROFILES, "profile")
-            if isinstance(profile, (SineWave, SquareWave)):
+            if "offset" in settings_of(profile):
                 offset = profile.offset * self.period / profile.period
                 profile = attrs.evolve(profile, period=self.period, offset=offset)
             system = with_settings(system, stiffness=profile)
@@ -228,16 +252,16 @@ class Protocol:
             seed=seed,
             rate=self.rate * math.ceil(SIMULATED_HZ / self.rate),
         )
-        recording = decimate(made.recording, self.rate)
         # The angle is simulated at the usual amplitude: another is another ratio.
         gain = self.amplitude / RMS_ANGLE
+        recording = attrs.evolve(made.recording, angle=gain * made.recording.angle)
+        recording = decimate(recording, self.rate)
         level = self.noise or float(np.std(recording.torque)) * 10 ** (-self.snr_db / 20)
         noise = self.noise_spectrum.generate(
             len(recording), self.rate, np.random.default_rng([seed, 1])
         )
         recording = attrs.evolve(
             recording,
-            angle=gain * recording.angle,
             torque=gain * recording.torque + level * noise / np.std(noise),
         )
         ensemble = segment(recording, self.period, self.context)
@@ -261,6 +285,7 @@ class Protocol:
         return (count + 2 * math.ceil(round(self.context / self.period, 6))) * self.period
 
 
-def unbiased_std(values: Array) -> float:
-    """Return the standard deviation of (realization, time) whose mean over realizations is 0."""
-    return float(np.std(values)) * math.sqrt(len(values) / (len(values) - 1))
+def scatter(estimates: Array) -> float:
+    """Return the random error of which these few estimates (estimate, time) are a sample."""
+    count = len(estimates)
+    return random_error(estimates) * math.sqrt(count / (count - 1)) if count > 1 else math.nan

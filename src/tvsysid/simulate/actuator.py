@@ -29,6 +29,13 @@ def actuate(drive: Array, rate: float) -> Array:
     return motion
 
 
+def drive_of(angle: Array, rate: float) -> Array:
+    """Return the drive (time,) to which :func:`actuate` responds with this angle."""
+    *_, stiffness, damping = _bessel_filter(rate)
+    velocity = np.gradient(angle, 1 / rate)
+    return np.asarray(angle + (damping * velocity + np.gradient(velocity, 1 / rate)) / stiffness)
+
+
 @cache
 def _bessel_filter(rate: float) -> tuple[list[list[float]], list[float], float, float]:
     """Return the numerators of angle and velocity, their denominator, stiffness and damping."""

@@ -219,7 +219,9 @@ class Protocol:
     def __str__(self) -> str:
         own = isinstance(self.perturbation, Sampled)
         name = (
-            "the pilot's perturbation" if own else f"perturbation `{label_of(self.perturbation)}`"
+            "the pilot's perturbation"
+            if own
+            else f"the perturbation `{label_of(self.perturbation)}`"
         )
         return f"{name} at {self.amplitude:.2g} rad RMS"
 

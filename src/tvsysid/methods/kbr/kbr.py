@@ -19,6 +19,7 @@ from tvsysid.numerics.gaussian import (
     FittedWeights,
     Moments,
     Posterior,
+    by_instruments,
     solve,
 )
 from tvsysid.numerics.noise import power_in_band
@@ -278,29 +279,30 @@ def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
         if abs(wanted - noise) <= CONVERGED * noise:
             break
         noise = wanted
-    return found._replace(noise_variance=noise) if isinstance(found, FittedWeights) else found
+    if isinstance(found, Posterior):
+        return found
+    # The prior counts for the assumed noise variance, from which the last one hardly differs.
+    covariance = found.covariance * (noise / found.noise_variance)
+    return found._replace(covariance=covariance, noise_variance=noise)
 
 
 def fit_by_instruments(moments: Moments, precision: Array, noise: float) -> FittedWeights:
-    r"""Solve a regression with a prior by instruments Z, for columns X that contain noise.
+    """Fit the weights by instruments, under a prior and for an assumed noise variance.
 
-    .. math:: A\, \hat w = Z^T y, \qquad A = Z^T X + \sigma^2 P, \qquad
-              C = \sigma^2 A^{-1} (Z^T Z + \sigma^2 P) A^{-T}
-
-    The ``moments`` are those of the columns X, then of Z. C is the covariance for the given
-    ``noise`` variance :math:`\sigma^2`. The returned noise variance is that of y - X w.
+    The ``moments`` are those of the columns, then of the instruments. The returned noise variance
+    is that of the residual (:func:`tvsysid.numerics.gaussian.by_instruments`).
     """
     gram, cross, square, number = moments
     gram = np.tril(gram) + np.tril(gram, -1).T
-    count, prior, lengths = len(precision), noise * np.diag(precision), np.sqrt(np.diag(gram))
+    count = len(precision)
     x, z = slice(count), slice(count, None)
-    units = np.outer(lengths[z], lengths[x])
-    inverse = np.linalg.inv((gram[z, x] + prior) / units) / units.T
-    mean = inverse @ cross[z]
-    covariance = noise * inverse @ (gram[z, z] + prior) @ inverse.T
-    effective = count - float(np.trace(inverse * prior))
-    residual = square - float(mean @ (2 * cross[x] - gram[x, x] @ mean))
-    return FittedWeights(mean, covariance, residual / max(number - effective, 1.0), effective)
+    posterior = solve(moments.take(np.arange(count, 2 * count)), precision, noise)
+
+    def residual(mean: Array) -> float:
+        return square - float(mean @ (2 * cross[x] - gram[x, x] @ mean))
+
+    fit = FittedWeights(posterior.mean, posterior.covariance, noise, posterior.effective)
+    return by_instruments(fit, gram[z, x] - gram[z, z], residual, number)
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)

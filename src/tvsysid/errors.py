@@ -48,17 +48,22 @@ def one_line(text: str) -> str:
     return " ".join(line.strip() for line in printable(text).split("\n"))
 
 
-def by_text(warned: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """Group pairs of a source and its warning by the warning.
+def by_cause(warned: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Group pairs of a source and its warning by the cause: texts that differ in numbers alone.
+
+    The first text of a cause stands for all. Two warnings of one source stay apart.
 
     Examples
     --------
-    >>> by_text([("sds", "too few realizations"), ("esm", "too few realizations")])
-    {'too few realizations': ['sds', 'esm']}
+    >>> by_cause([("sds", "21 realizations are too few"), ("esm", "20 realizations are too few")])
+    {'21 realizations are too few': ['sds', 'esm']}
     """
+    first: dict[str, str] = {}
     groups: dict[str, list[str]] = {}
     for source, text in dict.fromkeys(warned):
-        groups.setdefault(text, []).append(source)
+        shown = first.setdefault(re.sub(r"\d", "", text), text)
+        shown = text if source in groups.get(shown, ()) else shown
+        groups.setdefault(shown, []).append(source)
     return groups
 
 

@@ -13,7 +13,7 @@ from tvsysid.comparison.prepared import PreparedRecording
 from tvsysid.errors import (
     DataQualityWarning,
     InputError,
-    by_text,
+    by_cause,
     describe_error,
     without_quality_warnings,
 )
@@ -72,7 +72,7 @@ def compare(
     Warns
     -----
     DataQualityWarning
-        For warnings of the methods, each once.
+        For warnings of the methods, once for each cause.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def compare(
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
     warned = ((label, text) for label in models for text in models[label].diagnostics.warnings)
-    for text, labels in by_text(warned).items():
+    for text, labels in by_cause(warned).items():
         warnings.warn(f"{', '.join(labels)}: {text}", DataQualityWarning, stacklevel=2)
     found = Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
     if not isinstance(data, PreparedRecording):

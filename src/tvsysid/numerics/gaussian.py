@@ -163,7 +163,7 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     >>> solve(moments, precision=np.zeros(1)).mean
     array([3.])
     """
-    # A Cholesky factor is as accurate for columns of any units. LAPACK needs column order.
+    # Units of columns do not affect the accuracy of a Cholesky factor. LAPACK needs column order.
     for jitter in (0.0, JITTER):  # the second allows numerically collinear columns
         system = np.array(moments.gram, order="F")
         diagonal = system.ravel(order="F")[:: len(system) + 1]

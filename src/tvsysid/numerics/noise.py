@@ -46,9 +46,9 @@ def coloured_moments(columns: Array, noise: Array, taper: Array) -> Array:
 def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:
     """Autocorrelation of noise (realization, time), from lag 0 on, as far as it is well known.
 
-    Noise and lags are tapered by Hann windows, so that slow noise does not leak into faster
-    one's power. White noise of a ``floor`` times the power is added: no frequency is taken to be
-    free of noise.
+    Noise and lags are tapered by Hann windows, so that the power of slow noise does not leak to
+    higher frequencies. White noise of a ``floor`` times the power is added: no frequency is taken
+    to be free of noise.
     """
     times = noise.shape[1]
     lags = min(times - 1, noise.size // SAMPLES)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tvsysid.comparison.comparison import FOLDS, Comparison
-from tvsysid.errors import by_text
+from tvsysid.errors import by_cause
 from tvsysid.figures import (
     Illustration,
     draw_all,
@@ -75,7 +75,7 @@ def write_identification(
     problems = [
         *((label, "failed", why) for label, why in found.failed.items()),
         *((label, "skipped", why) for label, why in found.skipped.items()),
-        *((", ".join(labels), "warning", text) for text, labels in by_text(warned).items()),
+        *((", ".join(labels), "warning", text) for text, labels in by_cause(warned).items()),
     ]
     render(
         path,

@@ -19,8 +19,8 @@ from tvsysid.signals import Array, Ensemble
 from tvsysid.simulate import Simulation
 
 Scores = dict[str, NDArray[Any]]
-"""Arrays by the name of their variable. Where each quantity or pathway has one, axis and label
-follow: ``"estimate quantity stiffness"``."""
+"""Arrays by the name of their variable. The array of one quantity or pathway has axis and label in
+its name, too: ``"estimate quantity stiffness"``."""
 SKIPPED = "skipped: "  # beginning of the warning of a method that cannot identify the data
 
 

@@ -141,7 +141,8 @@ def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
     if not used.any():
         return found
     own, weights = draws.isel(trial=used, bootstrap=used, missing_dims="ignore"), weights[:, used]
-    # Replicates of M trials vary less than the trials, by (M - 1) / M. One trial has no spread.
+    # Trials drawn for a replicate have on average (M - 1) / M of the variance of all M trials. One
+    # trial has no spread.
     unbiased = used.sum() / (used.sum() - 1 or np.nan)
     of_replicates = np.full(len(weights), unbiased)
     of_replicates[0] = 1.0 if used.sum() > 1 else np.nan

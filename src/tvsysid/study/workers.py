@@ -105,7 +105,7 @@ def local_workers(count: int) -> Iterator[Executor | None]:
 def _begin() -> None:
     """Make a worker ignore interruptions, and end with its parent, even if that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # As the command line does: looking for garbage would take a tenth of the time of drawing.
+    # As the command line does: looking for garbage would take a tenth of the time for figures.
     gc.set_threshold(100_000)
 
     def follow() -> None:

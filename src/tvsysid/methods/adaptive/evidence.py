@@ -49,8 +49,8 @@ class Steps(NamedTuple):
 
     ``columns`` (time, step) are the steps as they are recorded, whitened by the noise.
     ``feature_products`` (feature, step) are their products with the features of the smooth part,
-    ``explained`` (coefficient, step) those with the standardized features of a :class:`SmoothFit`,
-    without rows before one is fitted. What is left of the steps has the products
+    ``explained`` (coefficient, step) those with the standardized features of a :class:`SmoothFit`;
+    it has no rows until one is fitted. What is left of the steps has the products
     columnsᵀ columns - explainedᵀ explained. ``power`` (step,) are the squares of what is left, and
     ``cross`` (step,) its products with the estimate.
     """

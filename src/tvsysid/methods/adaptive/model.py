@@ -60,7 +60,7 @@ class MixtureError(StandardError):
         return lower, np.maximum(self._quantile(multiple), values + inside)
 
     def _quantile(self, multiple: float) -> Array:
-        """Return the quantile (time,) with the probability of Student's t below ``multiple``."""
+        """Return the quantile (time,) at the probability that Student's t is below ``multiple``."""
         weights, means, variances = self.mixture
         freedom = float(self.freedom[0])
         spreads = np.sqrt(variances)

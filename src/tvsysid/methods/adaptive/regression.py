@@ -27,7 +27,7 @@ from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Ensemble
 
-LOW_BAND = decimation_weights(1 / 0.6, 21)  # low-pass below aliasing and the decimation filter
+LOW_BAND = decimation_weights(1 / 0.6, 21)  # passes frequencies that decimation leaves as they are
 MIN_POWER = 1e-9  # share of the mean power below which a signal counts as zero
 COLLINEAR = 1e-6  # share of power that is added where velocity and acceleration are collinear
 WHITE_SHARE = 0.01  # white noise that is added to the residual's covariance, in noise variances
@@ -55,8 +55,8 @@ class Regressors:
     prior_precision
         Precision of the constants' priors, times the variance of the noise, shape (constant,).
     reflex
-        Model of the reflex whose columns are among the regressors. What the change of its viscosity
-        over time adds is subtracted from the torque.
+        Model of the reflex whose columns are among the regressors. Its viscosity changes over
+        time. The torque of that change about its mean is subtracted from the torque.
     change_covariance
         Covariance (time, time) of that change.
     """
@@ -262,8 +262,9 @@ class Products(NamedTuple):
     ``free_gram`` (2, 2, time, time) are for angle and velocity with a coefficient at each time,
     such as :math:`W \circ \sum_r \theta_r \dot\theta_r^T`, and ``free_cross`` (2, signal, time)
     for these and every signal but the angle, such as :math:`\sum_r \theta_r \circ W
-    \ddot\theta_r`. ``gram`` (constant, signal) are for the constants and every signal but the
-    angle, ``mixed`` (2, constant, time) for them and the free coefficients.
+    \ddot\theta_r`. ``gram`` (constant, signal) are those of columns with a constant coefficient
+    with every signal but the angle, ``mixed`` (2, constant, time) those of the same columns with
+    angle and velocity at each time.
     """
 
     free_gram: Array
@@ -295,10 +296,11 @@ class Products(NamedTuple):
 class FreeCoefficient(NamedTuple):
     """Coefficient of angle or velocity that is free at each time, for given other coefficients.
 
-    Each column of ``explaining`` (time, signal) is the coefficient that would fit one further
-    signal alone: each after the angle, or after the velocity; the torque is last. The coefficient
-    is the torque's, less those of the other signals times their constants, and less ``coupling``
-    (time, time) @ the other free coefficient. ``covariance`` (time, time) is due to noise.
+    Column j of ``explaining`` (time, signal) is the coefficient that would fit signal j in place
+    of the torque. The signals are those that follow this one in the columns of
+    :class:`Regressors`, the torque last. The coefficient is the torque's, less those of the other
+    signals times their constants, and less ``coupling`` (time, time) @ the other free coefficient.
+    ``covariance`` (time, time) is due to noise.
     ``inertia`` is the index of the acceleration among the signals.
     """
 
@@ -369,8 +371,8 @@ def misfit_variances(products: Array, coefficients: Array, independent: int) -> 
     change = inverse @ cross[:, :2]
     unexplained = np.sum(weights * cross, axis=1) - np.sum(change * cross[:, :2], axis=1)
     variance = np.einsum("tii->ti", inverse)
-    # With f degrees of freedom, the noise variance is unexplained / f. By chance, change**2 has the
-    # mean of Student's t squared, f / (f - 2). f is less by three, for angle and both signals.
+    # By chance, change**2 has the mean variance * (unexplained / f) * f / (f - 2): Student's t with
+    # f = independent - 3 degrees of freedom, for angle, velocity and acceleration.
     by_chance = variance * np.maximum(unexplained, 0.0) / max(independent - 3 - 2, 1)
     excess = change[..., 0] ** 2 - by_chance
     return np.maximum(np.average(excess, axis=0, weights=1 / variance), 0.0)

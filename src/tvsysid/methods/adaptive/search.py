@@ -18,7 +18,7 @@ from tvsysid.numerics import Array
 MAX_SWITCHES = 20  # of a model
 MAX_POSITIONS = 400  # at which one more switch is tried
 MAX_GAIN = 50.0  # largest gain in score that is expected of one more switch
-# A first switch counts as gaining at least this, and a second one may gain this much more.
+# A second switch may gain at most what the first gained, or this if that is larger, plus this.
 EXTRA_GAIN = 12.0
 MAX_JOINT_SWITCHES = 6  # that are placed together
 MAX_JOINT_POSITIONS = 200  # at which they are tried

@@ -9,7 +9,7 @@ from scipy.ndimage import convolve1d
 from tvsysid.numerics import Array
 
 MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
-POOLED_TIME = 0.5  # s at least over which it is pooled, summed over all realizations but one
+POOLED_TIME = 0.5  # least reach of the pooling in s, times the independent realizations less one
 MAX_PREDICTION = 0.25  # s before a sample from which its noise is predicted
 
 
@@ -36,7 +36,7 @@ def whitening_filters(covariance: Array, independent: int, rate: float, periodic
 
 
 def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:
-    """Return filters (time, time) that give noise less its prediction, with the same variance.
+    """Return filters (time, time) that give noise less its prediction, in units of its error.
 
     The Bayesian information criterion gives the number of samples that predict the next one. The
     first samples are predicted from the few before them.

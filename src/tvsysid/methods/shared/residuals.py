@@ -89,9 +89,10 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
 
 
 def noise_ratio(of_measured: Array, of_predicted: Array) -> float:
-    """Return the power of the torque's residual by the measured angle over that by a predicted one.
+    """Return the power of the first residual of the torque, divided by that of the second.
 
-    The residual by the predicted angle also holds the torque of the movement that noise causes.
+    The first is of a fit to the measured angle. The second, of a fit to the predicted angle, also
+    holds the torque of the movement that noise causes.
     """
     return float(np.sum(of_measured**2) / np.sum(of_predicted**2))
 

@@ -62,7 +62,8 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * (lags + margin)
-    # In this loop, index 0 is the sample after the first lags. The first time has the index margin.
+    # Indices count from sample ``lags`` of the angle, the first with all lags. The first time has
+    # the index ``margin``.
     realizations = independent_realizations(ensemble)
     length = times + 2 * margin
     parts = []
@@ -94,8 +95,8 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
 def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:
     """Return angle and torque as far as lags and windows reach.
 
-    Return also the margin: how many samples of context windows may use at either end. The lags need
-    the rest.
+    Return also the margin: the number of context samples at either end that windows may use. The
+    lags need the rest.
     """
     margin = min(half, max(0, ensemble.context - lags))
     first = ensemble.context + missing_edge(lags, ensemble) - margin - lags

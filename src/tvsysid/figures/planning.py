@@ -48,7 +48,9 @@ def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
 def _draw_rise_times(axes: Axes, plan: Plan) -> None:
     looks = style.lines(list(plan.methods))
     for each in plan.required:
-        color, label = looks[each.method]["color"], f"{each.method},\n{each.setup}"
+        color, label = looks[each.method]["color"], each.method
+        if len(plan.setups) > 1:
+            label += f", {each.setup.removeprefix('the perturbation ')}"
         bar = axes.barh(label, np.nan_to_num(each.rise_time), color=color)
         axes.bar_label(bar, [f"{each.rise_time:.2g} s"], padding=3, fontsize=7)
     axes.set_ylim(max(len(plan.required), 3) - 0.5, -0.5)  # from above

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache, cached_property, partial
 from typing import NamedTuple
 
@@ -84,8 +84,7 @@ class Curve:
 
     def needed(self, error: float, most: int) -> int | None:
         """Return the fewest realizations up to ``most`` with a total error this small, or None."""
-        counts = range(1, most + 1)
-        return next((count for count in counts if self.at(count).total <= error), None)
+        return next((count for count in range(1, most + 1) if self.at(count).total <= error), None)
 
 
 def measure_curve(
@@ -93,12 +92,16 @@ def measure_curve(
 ) -> Curve:
     """Return the curve of a method from ensembles that are cut from simulated records."""
     rows, why = [], ""
+    truth = np.mean([whole.stiffness for whole in records], axis=(0, 1))
     for count in protocol.sizes:
-        parts = list(cut(records, count))
-        known, reason = identify_each(method.identify, (each.ensemble for each in parts))
+        starts = np.linspace(0, len(records[0].ensemble) - count, DRAWS, endpoint=False, dtype=int)
+        parts = (
+            whole.ensemble.select(start + np.arange(count))
+            for start, whole in zip(starts, records, strict=True)
+        )
+        known, reason = identify_each(method.identify, parts)
         why = reason or why
         if len(known) > 1 and np.isfinite(known).all(axis=0).any():
-            truth = np.mean([each.stiffness for each in parts], axis=(0, 1))
             rows.append((count, scatter(known), debiased_bias_error(known, truth)))
     excess = measure_excess(method, protocol, seed)
     realizations, random, bias = np.reshape(rows, (-1, 3)).T
@@ -158,11 +161,3 @@ def identify_each(
             except Exception as error:  # a method may fail on few ensembles
                 why = describe_error(error)
     return np.array(found), why
-
-
-def cut(records: Sequence[Simulated], count: int) -> Iterator[Simulated]:
-    """Yield ``count`` realizations of each record, from another place in each."""
-    spare = len(records[0].ensemble) - count
-    for number, whole in enumerate(records):
-        index = number * spare // len(records) + np.arange(count)
-        yield Simulated(whole.ensemble.select(index), whole.stiffness[index])

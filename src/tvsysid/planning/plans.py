@@ -111,11 +111,13 @@ class Plan:
         seconds = setup.seconds(count)
         more = ", with those at both ends, which lack context"
         more = more if seconds > count * setup.period else ""
-        few = f" The simulation needs {needed}, but fewer than {count} is optimistic: record at "
-        few = f"{few}least {count}." if count > needed else ""
+        advice = ""
+        if count > needed:
+            advice = f" The simulation needs {needed}, but fewer than {count} is optimistic: "
+            advice += f"record at least {count}."
         return (
             f"{wish}, with {best.method} and {best.setup}: {count} realizations of "
-            f"{setup.period:g} s; record {seconds:g} s{more}.{few}"
+            f"{setup.period:g} s; record {seconds:g} s{more}.{advice}"
         )
 
     def plot(self, title: str = "") -> Figure:
@@ -207,9 +209,8 @@ def plan(
             curve = curves[label, name] = measure_curve(method, protocol, records, seed)
             number = curve.needed(precision / HALF_BAND / MARGIN, EXTRAPOLATION * most)
             why = [] if number else [_why_not(curve, most, precision)]
-            rise = math.nan
-            if stepped:
-                rise = measure_rise(method, stepped.simulated(min(number or most, most), seed))
+            count = min(number or most, most)
+            rise = measure_rise(method, stepped.simulated(count, seed)) if stepped else math.nan
             if resolution is not None and not rise <= resolution:
                 why.append(f"it takes {rise:.2g} s to follow a step")
             random, bias, both = (HALF_BAND * each for each in curve.at(number or most))

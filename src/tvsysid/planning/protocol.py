@@ -24,6 +24,7 @@ from tvsysid.simulate import (
     Perturbation,
     Profile,
     ReflexJoint,
+    SineWave,
     SquareWave,
     StretchReflex,
 )
@@ -217,12 +218,9 @@ class Protocol:
         return (10, 40, 160) if self.pilot is None else (20, 80)
 
     def __str__(self) -> str:
-        own = isinstance(self.perturbation, Sampled)
-        name = (
-            "the pilot's perturbation"
-            if own
-            else f"the perturbation `{label_of(self.perturbation)}`"
-        )
+        name = f"the perturbation `{label_of(self.perturbation)}`"
+        if isinstance(self.perturbation, Sampled):
+            name = "the pilot's perturbation"
         return f"{name} at {self.amplitude:.2g} rad RMS"
 
     @cached_property
@@ -231,7 +229,7 @@ class Protocol:
         system = resolve(self.system, SYSTEMS, "system")
         if self.stiffness is not None and "stiffness" in settings_of(system):
             profile = resolve(self.stiffness, PROFILES, "profile")
-            if "offset" in settings_of(profile):
+            if isinstance(profile, SineWave | SquareWave):
                 offset = profile.offset * self.period / profile.period
                 profile = attrs.evolve(profile, period=self.period, offset=offset)
             system = with_settings(system, stiffness=profile)
@@ -290,4 +288,6 @@ class Protocol:
 def scatter(estimates: Array) -> float:
     """Return the random error of which these few estimates (estimate, time) are a sample."""
     count = len(estimates)
-    return random_error(estimates) * math.sqrt(count / (count - 1)) if count > 1 else math.nan
+    return (
+        float(random_error(estimates)) * math.sqrt(count / (count - 1)) if count > 1 else math.nan
+    )

@@ -160,7 +160,7 @@ def _show(found: Plan) -> None:
         if ratios:
             say(
                 "  between halves of the pilot, stiffness differs more than simulated "
-                f"({', '.join(ratios)}); ± noise counts this, the band of `identify` does not"
+                f"({', '.join(ratios)}); ± noise counts this"
             )
     if all(each.pilot is None for each in found.setups.values()):
         say("assumed: pink noise of the torque, as voluntary torque is; --pilot measures yours")

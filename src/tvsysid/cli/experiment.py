@@ -110,7 +110,7 @@ def experiment(
 
     options = given(**attrs.asdict(settings))
     study = Experiment.from_toml(study_toml, **options) if study_toml else Experiment(**options)
-    with opened(workers) as executor:
+    with opened(Workers(workers=1) if dry_run else workers) as executor:
         with shown_progress("preparing recordings") as advance:
             prepared = prepared_recordings(study, advance)
         for item in prepared:

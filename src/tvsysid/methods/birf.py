@@ -13,7 +13,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import base, shared
 from tvsysid.methods.responses import SecondOrderModel
 from tvsysid.methods.tuning import Evidence
-from tvsysid.models import Diagnostics, Model
+from tvsysid.models import Diagnostics, Model, StandardError
 from tvsysid.numerics.bases import (
     A_BASIS,
     Basis,
@@ -22,8 +22,10 @@ from tvsysid.numerics.bases import (
     HaarWavelets,
     evaluate,
 )
-from tvsysid.numerics.gaussian import by_instruments
-from tvsysid.numerics.moments import expanded
+from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_filters
+from tvsysid.numerics.gaussian import PRIORS, FittedWeights, Moments, by_instruments
+from tvsysid.numerics.moments import expanded, lagged_moments
+from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import one_of, positive
 
@@ -120,7 +122,7 @@ class BasisIRF(shared.ReferenceMethod):
         columns = self._columns(signals, self.basis, ensemble)
         posterior = self._posterior(signals, columns, ensemble)
         if self.reference is not None:
-            missing = base.missing_edge(shared.HALF_WIDTH, ensemble)
+            missing = base.missing_edge(HALF_WIDTH, ensemble)
             at = slice(missing, ensemble.samples - missing)
             z, x = (each.derivatives()[:, :, at] for each in (instrument, ensemble))
             torque = ensemble.torque[:, ensemble.core][:, at]
@@ -134,9 +136,9 @@ class BasisIRF(shared.ReferenceMethod):
         weights = columns.weights(posterior.mean)
         readout, impedance = np.eye(3), weights
         if self.model == "irf":  # a second-order fit, weighted by the angle's mean correlations
-            derivative = shared.derivative_filters(weights.shape[1] // 2, rate)
+            derivative = derivative_filters(weights.shape[1] // 2, rate)
             projected = derivative @ signals.gram.mean(axis=0)
-            _, inverse = shared.second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
+            _, inverse = second_order_fit((projected @ derivative.T)[None], np.zeros((1, 3)))
             readout = inverse[0] @ projected
             impedance = weights @ readout.T
             readout[0] = 1.0  # stiffness is the area under the response
@@ -169,16 +171,16 @@ class BasisIRF(shared.ReferenceMethod):
 
     def _signals(self, ensemble: Ensemble) -> Signals:
         """Return the moments of angle, velocity and acceleration, or of lagged angles."""
-        is_irf, lags = self.model == "irf", shared.HALF_WIDTH
+        is_irf, lags = self.model == "irf", HALF_WIDTH
         if is_irf:
             lags = base.fitting_lags("BasisIRF", self.max_lag, ensemble)
         base.check_window("BasisIRF: the derivatives of the angle", 2 * lags + 1, ensemble)
         first = max(0, ensemble.context - lags)
         reach = slice(first, ensemble.angle.shape[1] - first)
         angle, torque = ensemble.angle[:, reach], ensemble.torque[:, reach]
-        gram, cross, square, _ = shared.lagged_moments(angle, torque, lags)
+        gram, cross, square, _ = lagged_moments(angle, torque, lags)
         if not is_irf:
-            filters = shared.derivative_filters(lags, ensemble.sampling_rate)
+            filters = derivative_filters(lags, ensemble.sampling_rate)
             gram, cross = filters @ (gram @ filters.T), cross @ filters.T
         power = np.mean(np.diagonal(gram, axis1=1, axis2=2), axis=0)
         if is_irf:  # lags have one unit
@@ -199,7 +201,7 @@ class BasisIRF(shared.ReferenceMethod):
 
     def _posterior(
         self, signals: Signals, columns: Columns, ensemble: Ensemble, share: float = 1.0
-    ) -> shared.FittedWeights:
+    ) -> FittedWeights:
         """Return the posterior. Samples count only as a ``share`` of independent ones.
 
         Signals of unit RMS have the prior.
@@ -208,21 +210,21 @@ class BasisIRF(shared.ReferenceMethod):
         units = np.outer(scale, scale)
         cross = np.sum(signals.cross[:, columns.signal] * columns.factors, axis=0) * scale
         gram = columns.gram(signals.gram) * units
-        moments = shared.Moments(gram, cross, float(signals.square.sum()), len(signals.square))
-        found = shared.PRIORS[self.prior](moments.times(len(ensemble) * share))
+        moments = Moments(gram, cross, float(signals.square.sum()), len(signals.square))
+        found = PRIORS[self.prior](moments.times(len(ensemble) * share))
         return found._replace(mean=scale * found.mean, covariance=units * found.covariance)
 
     def _errors(
         self,
-        posterior: shared.FittedWeights,
+        posterior: FittedWeights,
         columns: Columns,
         readout: Array,
         left: Array,
         instrument: Ensemble,
-    ) -> dict[str, shared.StandardError]:
+    ) -> dict[str, StandardError]:
         """Return the standard errors from the posterior and the colour of what is ``left``."""
         effective = posterior.effective
-        filters = shared.derivative_filters(shared.HALF_WIDTH, instrument.sampling_rate)
+        filters = derivative_filters(HALF_WIDTH, instrument.sampling_rate)
         _, factors = shared.noise_colour(instrument, left, effective / left.size, filters)
         # The posterior counts all samples; where their mean was subtracted, there is less noise in
         # them.

@@ -163,7 +163,7 @@ def solve(moments: Moments, precision: Array, noise_variance: float = 1.0) -> Po
     >>> solve(moments, precision=np.zeros(1)).mean
     array([3.])
     """
-    # Units of columns do not affect the accuracy of a Cholesky factor. LAPACK needs column order.
+    # Columns are not scaled first: their units do not affect the accuracy of a Cholesky factor.
     for jitter in (0.0, JITTER):  # the second allows numerically collinear columns
         system = np.array(moments.gram, order="F")
         diagonal = system.ravel(order="F")[:: len(system) + 1]
@@ -212,7 +212,7 @@ def by_instruments(
     residual: Callable[[Array], float],
     number: float,
 ) -> FittedWeights:
-    r"""Correct a regression on instruments Z to weights of the columns X, which contain noise.
+    r"""Turn weights of a regression on instruments Z into those of columns X, which contain noise.
 
     The ``fit`` is the regression of y on Z. It has the posterior mean m and covariance C for a
     noise variance s. The weights follow from them for any prior P:

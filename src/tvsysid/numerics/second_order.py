@@ -91,10 +91,10 @@ def agreement_of_moments(
 ) -> float:
     """Return the agreement of a second-order fit with the mean response to lagged angles, in %.
 
-    The response is taken as the same at all times. What smoothing leaves of a change of
-    stiffness averages out, and does not count. ``fitted`` and ``left`` are mean squares of the fit
-    and of its residual. ``cross`` (lag,) and ``moments`` (lag, lag) are mean products of lagged
-    angles with the residual and with each other, over so many ``samples``.
+    The response is taken as the same at all times. The error of a fit that smooths a change of
+    stiffness averages out over time, and does not count. ``fitted`` and ``left`` are mean squares
+    of the fit and of its residual. ``cross`` (lag,) and ``moments`` (lag, lag) are mean products of
+    lagged angles with the residual and with each other, over so many ``samples``.
     """
     values, vectors = np.linalg.eigh(moments)
     kept = np.abs(values) > ROUNDING * np.abs(values).max()

@@ -22,7 +22,7 @@ from tvsysid.signals import Ensemble, check_ensemble
 
 BANDS_HZ = (0.0, 5.0), (8.0, 25.0)  # slow and fast noise are compared
 SLOW_NOISE_DB = 10.0  # power of slow over fast noise, above which noise is slow
-MIN_FEEDBACK_PERCENT = 0.1  # of the torque; in open loop, later movement predicts less
+MIN_FEEDBACK_PERCENT = 0.1  # of the torque, that later movement predicts; in open loop it is less
 BIAS_PERCENT = 10.0  # of the stiffness, by noise
 MAX_BIAS_PERCENT = 30.0  # largest such bias that other weights of the frequencies mend
 LOOP_BIAS_PERCENT = 5.0  # of the stiffness, by a closed loop
@@ -186,7 +186,7 @@ class Recommendation:
             key = key_of(text)
             for label, method in methods.items():
                 is_alike = type(method) is METHODS[key]
-                # A method that the text's settings do not change has these settings.
+                # If applying the text's settings changes nothing, the method has them already.
                 if is_alike and from_text(text, "method", {key: method}) == method:
                     labels.append(label)
         return labels

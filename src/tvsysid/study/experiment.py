@@ -141,8 +141,8 @@ class Experiment(StudySettings):
         Numbers of realizations in a draw, for all methods. By default 75 and 150, and 20 and 40 for
         methods with draws in one block, as in the paper.
     max_realizations
-        Maximum of ``realizations``, by default the smallest number that a recording has. Larger
-        numbers are left out. If all are larger, this one is used.
+        Maximum of ``realizations``, by default what the recording with the fewest has. Larger
+        numbers are left out. If all are larger, the maximum is used.
     bootstraps, seed
         Number of draws, and their seed. The draws depend on the seed, the recording and the number
         of realizations alone, so that all methods see the same ones.

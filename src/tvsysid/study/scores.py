@@ -101,7 +101,7 @@ def score(results: xr.Dataset) -> xr.Dataset:
         count, np.full(count, 1 / count), REPLICATES if draw == "trial" else 0
     )
     weights, scored = np.vstack([np.ones(count), drawn]), results
-    if "trial_truth" in results:  # keep each estimate's error, relative to the mean truth
+    if "trial_truth" in results:  # shift estimates, so that their error stays the same
         scored = results.assign(estimate=results.estimate - (results.trial_truth - results.truth))
     found = stack(
         [

@@ -65,7 +65,7 @@ class Task:
     depends_on: object
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # With the code of a notebook; only when the task is sent, as it holds all the data
+        # cloudpickle sends a notebook's code, too. A task holds all its data: pickle it when sent.
         return _unpickled, (cloudpickle.dumps(attrs.asdict(self, recurse=False)),)
 
     @property

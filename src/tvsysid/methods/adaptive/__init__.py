@@ -7,10 +7,10 @@ The method in ``adaptive`` takes four steps:
    realizations, only this curve and its error.
 2. ``prior`` lists the smooth parts that stiffness may have: kernels of some amplitude and length.
    ``smooth_priors`` is the place for another kernel. ``search`` finds sets of switches for them.
-3. ``evidence`` gives each model, a smooth part with a set of switches, the probability of the curve
-   under it, with all coefficients integrated out. A smooth part that may change fast fits many
-   curves, so each of them has a low probability. One that changes too slowly leaves a residual
-   larger than the noise.
+3. A model is a smooth part with a set of switches. ``evidence`` has the probability of the curve
+   under each model, with all coefficients integrated out. A smooth part that may change fast fits
+   many curves, so each of them has a low probability. One that changes too slowly leaves a
+   residual larger than the noise.
 4. ``averaging`` averages the models, weighted by their evidence; ``average`` has all steps from
    the curve on. ``model`` has the bands of this mixture, and lists its switches.
 

@@ -19,6 +19,7 @@ from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.signals import Ensemble
 
 MIN_REALIZATIONS = 4
@@ -140,7 +141,7 @@ class AdaptiveRegression(base.Method):
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return why the method skips an ensemble: its realizations are too few, short or long."""
-        known = ensemble.samples - 2 * base.missing_edge(shared.HALF_WIDTH, ensemble)
+        known = ensemble.samples - 2 * base.missing_edge(HALF_WIDTH, ensemble)
         if len(ensemble) < MIN_REALIZATIONS:
             return (
                 f"it needs at least {MIN_REALIZATIONS} realizations, got {len(ensemble)}; kbr does "

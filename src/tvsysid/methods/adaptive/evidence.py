@@ -256,7 +256,7 @@ def switch_evidence(
     if further is not None:
         mixed, power, own_cross = further
         count += 1
-        # The same terms, after the set is regressed out of the candidate and of the column of ones
+        # The same terms for A with one more row and column; its Schur complement is ``precision``
         explained = np.sum(covariance[:, 0] @ mixed * mixed, axis=1)
         precision = np.maximum(power - explained, 0.0) + prior_precision
         own_cross = own_cross - mean[:, 0] @ mixed

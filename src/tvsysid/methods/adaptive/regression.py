@@ -21,9 +21,10 @@ from tvsysid.methods.adaptive.whitening import MISFIT_TIME, whitening_filters
 from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.cascade import JointCascade, JointCascadeModel, model_of
 from tvsysid.methods.cascade.search import Selection
-from tvsysid.methods.shared import HALF_WIDTH, independent_realizations
+from tvsysid.methods.shared import independent_realizations
 from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import decimation_weights
+from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.signals import Ensemble
 
@@ -223,7 +224,7 @@ class FreeRegression:
             return whitening_filters(more, signals.independent, rate, periodic)
 
         def weighted_by(filters: Array) -> Products:
-            # With a reflex, its differences of higher order model the decimated acceleration.
+            # With a reflex, regressors model the decimated acceleration, and no low band is needed.
             return Products.of(columns, filters, low_band=signals.reflex is None)
 
         filters = filters_with(WHITE_SHARE)
@@ -262,9 +263,9 @@ class Products(NamedTuple):
     ``free_gram`` (2, 2, time, time) are for angle and velocity with a coefficient at each time,
     such as :math:`W \circ \sum_r \theta_r \dot\theta_r^T`, and ``free_cross`` (2, signal, time)
     for these and every signal but the angle, such as :math:`\sum_r \theta_r \circ W
-    \ddot\theta_r`. ``gram`` (constant, signal) are those of columns with a constant coefficient
-    with every signal but the angle, ``mixed`` (2, constant, time) those of the same columns with
-    angle and velocity at each time.
+    \ddot\theta_r`. ``gram`` (constant, signal): each column that has a constant coefficient, times
+    each signal but the angle. ``mixed`` (2, constant, time): the same columns, times angle and
+    velocity at each time.
     """
 
     free_gram: Array
@@ -298,8 +299,9 @@ class FreeCoefficient(NamedTuple):
 
     Column j of ``explaining`` (time, signal) is the coefficient that would fit signal j in place
     of the torque. The signals are those that follow this one in the columns of
-    :class:`Regressors`, the torque last. The coefficient is the torque's, less those of the other
-    signals times their constants, and less ``coupling`` (time, time) @ the other free coefficient.
+    :class:`Regressors`, the torque last. The coefficient is the torque's column, minus each other
+    signal's column times its constant, minus ``coupling`` (time, time) @ the other free
+    coefficient.
     ``covariance`` (time, time) is due to noise.
     ``inertia`` is the index of the acceleration among the signals.
     """

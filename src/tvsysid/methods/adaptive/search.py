@@ -18,7 +18,7 @@ from tvsysid.numerics import Array
 MAX_SWITCHES = 20  # of a model
 MAX_POSITIONS = 400  # at which one more switch is tried
 MAX_GAIN = 50.0  # largest gain in score that is expected of one more switch
-# A second switch may gain at most what the first gained, or this if that is larger, plus this.
+# A second switch is expected to gain at most max(gain of the first, EXTRA_GAIN) + EXTRA_GAIN.
 EXTRA_GAIN = 12.0
 MAX_JOINT_SWITCHES = 6  # that are placed together
 MAX_JOINT_POSITIONS = 200  # at which they are tried
@@ -169,7 +169,7 @@ def joint_switches(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     edges = np.append(np.arange(0, times, -(-times // MAX_JOINT_POSITIONS)), times)
     sums = np.cumsum(np.roll([precision, precision * estimate.values], -cut, axis=1), axis=1)
     sums = np.pad(sums, ((0, 0), (1, 0)))[:, edges]
-    # Of a constant level, by the edges at its end and its start
+    # Power and cross product of a constant level, indexed by the edges at its end and its start
     power, cross = sums[:, :, None] - sums[:, None]
     before = np.tri(len(edges), k=-1, dtype=bool)
     gains = np.divide(cross**2, power, out=np.full(power.shape, -np.inf), where=before)

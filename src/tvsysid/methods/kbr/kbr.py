@@ -13,7 +13,8 @@ from tvsysid.methods.kbr import search
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, clocks_of
 from tvsysid.methods.kbr.record import moments_of, runs_of, whitened
 from tvsysid.methods.tuning import Evidence
-from tvsysid.models import Diagnostics
+from tvsysid.models import IMPEDANCE, Diagnostics, StandardError
+from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_filters
 from tvsysid.numerics.gaussian import (
     SMALLEST_RESIDUAL,
     FittedWeights,
@@ -22,6 +23,7 @@ from tvsysid.numerics.gaussian import (
     by_instruments,
     solve,
 )
+from tvsysid.numerics.instrument import MIN_PREDICTED
 from tvsysid.numerics.noise import power_in_band
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import Validator, is_number, one_of, optional, positive
@@ -154,7 +156,7 @@ class KernelRegression(shared.ReferenceMethod):
 
         With residual weights, less is enough.
         """
-        return shared.MIN_PREDICTED if self.weighting == "white" else shared.MIN_SHARE
+        return MIN_PREDICTED if self.weighting == "white" else shared.MIN_SHARE
 
     def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> KernelModel:
         ensembles = [ensemble] if self.reference is None else [ensemble, instrument]
@@ -165,7 +167,7 @@ class KernelRegression(shared.ReferenceMethod):
         # The cost (equation 16) has no 1/2 before the prior, so a weight has half its kernel's
         # variance.
         precision = np.outer(2 / variances, kernel.precision).ravel()
-        edge = base.missing_edge(shared.HALF_WIDTH, ensemble)
+        edge = base.missing_edge(HALF_WIDTH, ensemble)
         torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)
         reweighted = REWEIGHTED * (self.weighting == "residual")
         for remaining in range(reweighted, -1, -1):
@@ -186,12 +188,12 @@ class KernelRegression(shared.ReferenceMethod):
         }
         low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
 
-        def errors() -> dict[str, shared.StandardError]:
+        def errors() -> dict[str, StandardError]:
             # The posterior does not know that a mean over realizations was subtracted.
             factors = len(ensemble) / shared.independent_realizations(ensemble) * np.ones(3)
             # The posterior assumes that the noise has the same power all over the band, its mean.
             if self.weighting == "white":
-                filters = shared.derivative_filters(shared.HALF_WIDTH, ensemble.sampling_rate)
+                filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
                 share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
                 noise, coloured = shared.noise_colour(instrument, residuals, share, filters)
                 factors *= coloured / power_in_band(noise, low, high)
@@ -212,7 +214,7 @@ class KernelRegression(shared.ReferenceMethod):
             time=ensemble.time,
             estimates=shared.impedance_estimates(impedance, errors),
             posterior=posterior,
-            labels=tuple(f"{name} {j}" for name in shared.IMPEDANCE for j in range(kernel.columns)),
+            labels=tuple(f"{name} {j}" for name in IMPEDANCE for j in range(kernel.columns)),
             kernel=kernel,
             diagnostics=Diagnostics(posterior.effective, details=details),
         )
@@ -281,7 +283,7 @@ def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
         noise = wanted
     if isinstance(found, Posterior):
         return found
-    # The prior counts for the assumed noise variance, from which the last one hardly differs.
+    # State the noise variance for which the weights were fitted, and not that of their residual.
     covariance = found.covariance * (noise / found.noise_variance)
     return found._replace(covariance=covariance, noise_variance=noise)
 
@@ -319,7 +321,7 @@ class KernelModel(responses.SecondOrderModel):
     def impedance(self, ensemble: Ensemble) -> Array:
         """Return stiffness, viscosity and inertia of each realization, (realization, time, 3).
 
-        There is one realization only if all have the same impedance.
+        The first axis has length 1 if all realizations have the same impedance.
         """
         return impedance_over(ensemble, self.kernel, self.coefficients)
 
@@ -350,7 +352,7 @@ def _in_band(filters: Array, low: float, high: float) -> Array:
     """Return filters followed by a band-pass filter; the band is in cycles per sample."""
     if high - low >= 0.5:
         return filters
-    lags = np.arange(-shared.HALF_WIDTH, shared.HALF_WIDTH + 1)
+    lags = np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
     passing = np.hamming(len(lags)) * (
         2 * high * np.sinc(2 * high * lags) - 2 * low * np.sinc(2 * low * lags)
     )

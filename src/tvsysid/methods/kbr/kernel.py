@@ -26,8 +26,8 @@ from tvsysid.signals import Array, Ensemble
 ENDLESS = 120_000.0  # decay in s of the paper's simulated study, which in effect is none
 # decay, in lengths of the record, from which on the kernel is taken as strictly periodic
 STRICT = 20.0
-# Share of the prior variance below which a feature is left out. It is small because a prior that
-# suits stiffness is very wide for inertia: 1e-9 would change stiffness by 1 N·m/rad.
+# Share of the prior variance below which a feature is left out. The same gamma is a very wide prior
+# for inertia, so that faint features still carry torque: 1e-9 would change stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
 # Largest harmonics * (1 + record / l2). More would need 2 GiB of covariance.
 MAX_SIZE = 1875

@@ -126,8 +126,9 @@ class Likelihood:
         )
         if found.x[4] <= low[4]:
             raise InputError(
-                "the settings of kbr cannot be found from the data: so few realizations are "
-                "explained without any noise; give more realizations, or the settings"
+                "the settings of kbr cannot be found from the data: with so few realizations, the "
+                "model explains the torque without any noise; give more realizations, or the "
+                "settings"
             )
         return attrs.evolve(start, theta=found.x, value=constant - float(found.fun))
 

@@ -15,11 +15,3 @@ from tvsysid.methods.shared.residuals import (
     second_order_torque,
 )
 from tvsysid.methods.shared.windows import impulse_response_model, solve_windows, window_model
-from tvsysid.models import IMPEDANCE, StandardError
-from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_filters
-from tvsysid.numerics.gaussian import PRIORS, FittedWeights, Moments
-from tvsysid.numerics.instrument import MIN_PREDICTED
-from tvsysid.numerics.moments import lagged_moments
-from tvsysid.numerics.second_order import (
-    second_order_fit,
-)

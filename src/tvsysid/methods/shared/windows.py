@@ -57,8 +57,8 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     The correlations are means over realizations and a window of time. The window reaches ``half``
     samples to either side, and is cut short where the context ends. ``solve`` gives the solution
     from :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged.
-    The noise is the residual of the solution without truncation. The residual of the truncated
-    solution would be too small, because the same noise chose its directions.
+    The noise is the residual of the solution without truncation. That of the truncated
+    solution would be too small for its rank, because the same noise chose its directions.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * (lags + margin)

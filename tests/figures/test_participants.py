@@ -165,15 +165,16 @@ def test_bars_whiskers_and_dots_are_the_participants(experiment):
     assert {axes.get_ylim() for axes in grid[:2].flat} == {(0, 102)}
     axes = grid[2, 1]
     assert axes.get_ylim()[0] == 0
-    bars = [each for each in axes.containers if hasattr(each, "patches")]
-    for bar, dots, (method, amount) in zip(bars, axes.lines[2::3], amounts, strict=True):
-        each = values(experiment.summary, "prbs", "random_error", method, amount)
-        assert bar[0].get_height() == pytest.approx(each.mean())
-        assert to_hex(bar[0].get_facecolor()).upper() == COLORS[method]
-        (segment,) = bar.errorbar[2][0].get_segments()
+    (bars,) = (each for each in axes.containers if hasattr(each, "patches"))
+    places, dots = axes.lines[-1].get_data()
+    whiskers = bars.errorbar[2][0].get_segments()
+    for place, (bar, whisker, kind) in enumerate(zip(bars, whiskers, amounts, strict=True)):
+        each = values(experiment.summary, "prbs", "random_error", *kind)
+        assert bar.get_height() == pytest.approx(each.mean())
+        assert to_hex(bar.get_facecolor()).upper() == COLORS[kind[0]]
         reach = 2 * each.std(ddof=1) * np.array([-1, 1])
-        np.testing.assert_allclose(segment[:, 1], each.mean() + reach)
-        np.testing.assert_allclose(dots.get_ydata(), each)
+        np.testing.assert_allclose(whisker[:, 1], each.mean() + reach)
+        np.testing.assert_allclose(dots[np.round(places) == place], each)
 
 
 @pytest.mark.slow

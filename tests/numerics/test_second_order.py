@@ -20,7 +20,7 @@ def test_fit_to_a_full_response_is_least_squares_on_the_derivatives(joint):
     angle, torque, signals = joint
     phi_uu, phi_uy, _, _ = moments.lagged_moments(angle, torque, LAGS)
     solution = pseudoinverse.full(phi_uu, phi_uy)
-    fit = second_order.second_order_readout(phi_uu, phi_uy, solution.inverse, RATE)
+    fit = second_order.second_order_readout(phi_uu, phi_uy, solution.area, RATE)
     for time in (0, 20, 47):
         found = fit.readout[time] @ phi_uy[time]
         fitted = fit.impedance[time] @ derivative_filters(LAGS, RATE) @ phi_uy[time]

@@ -144,8 +144,11 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     known = {"vaf", *summary.metric}
     metrics = {name: label for name, label in METRICS.items() if name in known}
     perturbations = unique(summary.perturbation)
-    looks = style.lines(unique(summary.method))
-    bars = summary[["method", "realizations"]].drop_duplicates().values.tolist()
+    kinds = ["method", "realizations"]
+    bars = summary.set_index(kinds).index.unique()
+    methods = bars.get_level_values("method").tolist()
+    looks = style.lines(unique(methods))
+    colors = [looks[method]["color"] for method in methods]
     figure, grid = style.panels(
         len(metrics),
         len(perturbations),
@@ -161,14 +164,14 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     for (row, column), axes in np.ndenumerate(grid):
         metric, perturbation = list(metrics)[row], perturbations[column]
         shown = summary[(summary.metric == metric) & (summary.perturbation == perturbation)]
-        for place, (method, amount) in enumerate(bars):
-            is_mine = (shown.method == method) & (shown.realizations == amount)
-            values, color = shown[is_mine].value.dropna(), looks[method]["color"]
-            look = {"color": color, "alpha": 0.6, "label": method}
-            axes.bar(place, values.mean(), yerr=2 * values.std(), **look)
-            # Dots beside each other, so that equal ones show, in the order of the participants.
-            beside = place + np.linspace(-0.25, 0.25, len(values) + 2)[1:-1]
-            axes.plot(beside, values, ".", color="black", alpha=0.7)
+        shown = shown.dropna(subset="value").set_index(kinds)
+        groups = shown.value.groupby(level=kinds)
+        means, spreads = groups.mean().reindex(bars), groups.std().reindex(bars)
+        axes.bar(range(len(bars)), means, yerr=2 * spreads, color=colors, alpha=0.6, label=methods)
+        # Dots beside each other, so that equal ones show, in the order of the participants.
+        beside = (groups.cumcount() + 1) / (groups.transform("size") + 1) - 0.5
+        places = bars.get_indexer(shown.index) + 0.5 * beside
+        axes.plot(places, shown.value, ".", color="black", alpha=0.7)
         axes.set_xticks(range(len(bars)), [f"{amount:g}" for _, amount in bars])
         if "vaf" in metric:
             axes.set_ylim(0, 102)

@@ -221,7 +221,7 @@ def second_order(
         np.asarray(np.linalg.pinv(each, ROUNDING, True)) for each in (moments, own)
     )
     cross = moments @ response
-    fits = second_order_readout(moments[None], cross[None], inverse[None], rate)
+    fits = second_order_readout(moments[None], cross[None], inverse.sum(axis=0)[None], rate)
     impedance, readout = (each[0] for each in fits)
     fitted = float(impedance @ derivative_filters(len(cross) // 2, rate) @ cross)
     effects = readout @ moments @ own_inverse @ left.signals.T / count

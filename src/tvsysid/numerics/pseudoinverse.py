@@ -14,17 +14,17 @@ RIDGE = 1e-9  # share of the regressors' mean power that is added to each
 
 
 class Solution(NamedTuple):
-    """Least-squares solution at each time: ``weights = inverse @ phi_uy``.
+    """Least-squares solution at each time.
 
-    The weights are the impulse response times the sample time. They use ``rank`` of the ``usable``
-    singular values, which are above rounding. All usable ones together explain the power
-    ``explained`` of the output. The rest is noise. Shapes are (time, lag), (time,), (time, lag,
-    lag), and (time,) twice.
+    The ``weights`` (time, lag) are the impulse response times the sample time. They use ``rank``
+    (time,) of the ``usable`` singular values, which are above rounding. All usable ones together
+    explain the power ``explained`` of the output. The rest is noise. The area under the response is
+    the product of ``area`` (time, lag) with ``phi_uy``.
     """
 
     weights: Array
     rank: NDArray[np.int64]
-    inverse: Array
+    area: Array
     usable: NDArray[np.int64]
     explained: Array
 
@@ -96,10 +96,11 @@ def _solution(
 ) -> Solution:
     """Return the solution from the first ``rank`` eigenvalues."""
     kept = np.where(np.arange(reciprocal.shape[1]) < rank[:, None], reciprocal, 0.0)
-    weights = (vectors @ (projections * kept)[..., None])[..., 0]
-    inverse = (vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1)
+    # The product of the pseudo-inverse with phi_uy, and with ones
+    products = np.stack([projections, vectors.sum(axis=1)], axis=-1) * kept[..., None]
+    weights, area = np.moveaxis(vectors @ products, -1, 0)
     explained = np.sum(projections**2 * reciprocal, axis=1)
-    return Solution(weights, rank, inverse, np.count_nonzero(reciprocal, axis=1), explained)
+    return Solution(weights, rank, area, np.count_nonzero(reciprocal, axis=1), explained)
 
 
 def solve_regularized(gram: Array, cross: Array) -> Array:

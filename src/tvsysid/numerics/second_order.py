@@ -27,7 +27,7 @@ class MomentFit(NamedTuple):
 
 
 def second_order_readout(
-    phi_uu: Array, phi_uy: Array, inverse: Array, sampling_rate: float
+    phi_uu: Array, phi_uy: Array, area: Array, sampling_rate: float
 ) -> MomentFit:
     r"""Fit stiffness, viscosity and inertia to the correlations of each time.
 
@@ -42,12 +42,12 @@ def second_order_readout(
     viscosity and inertia. Stiffness is the area under the impulse response.
 
     ``phi_uu`` (time, lag, lag) and ``phi_uy`` (time, lag) are mean correlations of lagged angles,
-    and with the torque. The area follows by ``inverse``, a pseudo-inverse of the former.
+    and with the torque. ``area`` (time, lag) gives the area under the response from the latter.
     """
     derivative = derivative_filters(phi_uy.shape[1] // 2, sampling_rate)
     fit, inverted = second_order_fit(derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T)
-    area = inverse.sum(axis=2)[:, None]
-    return MomentFit(fit, np.concatenate([area, (inverted @ derivative)[:, 1:]], axis=1))
+    readout = np.concatenate([area[:, None], (inverted @ derivative)[:, 1:]], axis=1)
+    return MomentFit(fit, readout)
 
 
 def response_readout(lags: Array) -> Array:

@@ -81,9 +81,7 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
         independent = samples * realizations
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
         solution = solve(phi_uu, phi_uy, variance, count)
-        fit, readout = second_order_readout(
-            phi_uu, phi_uy, solution.inverse, ensemble.sampling_rate
-        )
+        fit, readout = second_order_readout(phi_uu, phi_uy, solution.area, ensemble.sampling_rate)
         freedom = independent - solution.usable
         unexplained = count * np.maximum(square - solution.explained, 0.0)
         noise = np.where(freedom > 0, unexplained / np.maximum(freedom, 1), np.nan)

@@ -123,3 +123,14 @@ def test_eight_methods_with_long_labels_do_not_overlap():
     assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
     assert "kbr$\\frac$" in drawn(figure, "svg").decode()  # no mathematics
     assert over_time(figure, 8)[0, 2].get_title() == "sds:window=0.2,\nmax_lag=0.1"
+
+
+def test_a_long_title_is_broken_to_fit_above_two_methods():
+    results = results_of([("square", "noise", 150.0, 10.0)], ("sds", "birf"), trials=2)
+    title = "Methods compared: square-wave stiffness, filtered noise, 150 s, 10 dB"
+    figure = method_comparison(results, summary_of(results), NOISE[2], NOISE[2:3], title)
+    draw(figure)
+    (written,) = (text for text in figure.texts if text.get_text().startswith("Methods"))
+    assert written.get_text().split() == title.split()
+    extent = written.get_window_extent()
+    assert 0 <= extent.x0 < extent.x1 <= figure.bbox.x1

@@ -72,7 +72,7 @@ def method_comparison(
     ticks = differing(scenario_traits(results).loc[list(compared)])
     heights = [1.25 * len(quantities) + 3.25, 1.2 * len(names) + 0.8]
     width = min(max(1.5 * len(methods), 3.2) + 0.8, MAX_WIDTH)
-    figure = style.blank(width, sum(heights) + 0.8, title)
+    figure = style.blank(width, sum(heights) + 0.8, wrapped(title, round(12 * width)))
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
     *estimates, vaf, coverage = style.grid_of(
         upper,

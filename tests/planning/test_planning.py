@@ -145,7 +145,7 @@ def test_a_plan_of_few_realizations_names_20():
     plan = Plan(5.0, None, {"noise": Protocol(period=1.5)}, {}, {}, (needed,))
     assert "20 realizations of 1.5 s; record 33 s, with those at both ends, which" in str(plan)
     assert str(plan).endswith(
-        "The simulation needs 19, but fewer than 20 is optimistic: record at least 20."
+        "19 suffice in the simulation, whose errors are too small below 20: record at least 20."
     )
 
 

@@ -165,7 +165,7 @@ def _show(found: Plan) -> None:
     if all(each.pilot is None for each in found.setups.values()):
         say("assumed: pink noise of the torque, as voluntary torque is; --pilot measures yours")
     say(
-        f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}. The band of "
-        "`identify` leaves out that realizations differ, but adds how fast stiffness may change, "
-        "so it is not the ± noise here; to plan, trust ± noise"
+        f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}. ± noise "
+        "counts that realizations differ, which the band of `identify` does not; that band counts "
+        "that the speed of changes is estimated. Plan with ± noise"
     )

@@ -113,7 +113,9 @@ class Plan:
         more = more if seconds > count * setup.period else ""
         advice = ""
         if count > needed:
-            advice = f" The simulation needs {needed}, but fewer than {count} is optimistic: "
+            advice = (
+                f" {needed} suffice in the simulation, whose errors are too small below {count}: "
+            )
             advice += f"record at least {count}."
         return (
             f"{wish}, with {best.method} and {best.setup}: {count} realizations of "

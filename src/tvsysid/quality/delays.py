@@ -65,7 +65,7 @@ def delay(data: FittedEnsemble) -> Measured:
             late = separated(data.ensemble).torque
             others = _delay_in_samples(data.changed(torque=data.ensemble.torque - late))
             if not FAULTS["delay"].beyond(1000 * others / data.rate):
-                raise NotApplicable("the torque of a reflex is late, and the rest is not")
+                raise NotApplicable("what is late in the torque is that of a reflex")
         ratio = aligned.smooth_impedance[0][2] / new[2]
         if not 1 / MAX_INERTIA_RATIO < ratio < MAX_INERTIA_RATIO:
             raise NotApplicable(
@@ -77,8 +77,8 @@ def delay(data: FittedEnsemble) -> Measured:
             raise NotApplicable("torque noise moves the angle, which looks like an early torque")
     what = (
         f"the torque is {abs(value):.3g} ± {error:.1g} ms {'late' if value > 0 else 'early'}; "
-        f"that makes inertia {old[2]:.3g} instead of {new[2]:.3g} kg·m² and viscosity "
-        f"{old[1]:.3g} instead of {new[1]:.3g} N·m·s/rad"
+        f"without this delay, inertia is {new[2]:.3g} kg·m² and not {old[2]:.3g}, and viscosity "
+        f"{new[1]:.3g} N·m·s/rad and not {old[1]:.3g}"
     )
     return Measured(value, what, significant)
 

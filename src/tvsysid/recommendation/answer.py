@@ -37,7 +37,7 @@ UNPREDICTED = (
     "--torque), or record more."
 )
 POSSIBLE_LOOP = (
-    "Later movement predicts {:.1f} % of the torque: if the actuator is compliant, noise moves the "
+    "Later movement predicts {:.1f} % of the torque, a hint at a closed loop: if the actuator is compliant, noise moves the "
     f"joint and stiffness is too low. {RECORD_REFERENCE}, and name it (--channel)."
 )
 WIDE_SPREAD = (

@@ -312,10 +312,10 @@ def _warnings(
         )
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
-            "the joint without its reflex is not of second order: its impulse response gives a "
-            f"mean stiffness of {mean:.1f} N·m/rad, on which that reported rests; a second-order "
-            f"fit from 0.5 to 15 Hz, which gives viscosity and inertia, {fitted:.1f}; report the "
-            "difference as an uncertainty"
+            "the joint without its reflex is not of second order: its mean stiffness is "
+            f"{mean:.1f} N·m/rad by its impulse response, and {fitted:.1f} by a second-order fit "
+            "from 0.5 to 15 Hz; the stiffness reported is based on the first, viscosity and "
+            "inertia on the second; report the difference as an uncertainty"
         )
     changes = not details["constant"]
     if changes and np.nanmax(upper - gain) > np.nanmax(gain) - np.nanmin(gain):

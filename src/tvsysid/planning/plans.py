@@ -113,10 +113,8 @@ class Plan:
         more = more if seconds > count * setup.period else ""
         advice = ""
         if count > needed:
-            advice = (
-                f" {needed} suffice in the simulation, whose errors are too small below {count}: "
-            )
-            advice += f"record at least {count}."
+            advice = f" {needed} suffice in the simulation, whose errors are too small below "
+            advice += f"{count}: record at least {count}."
         return (
             f"{wish}, with {best.method} and {best.setup}: {count} realizations of "
             f"{setup.period:g} s; record {seconds:g} s{more}.{advice}"

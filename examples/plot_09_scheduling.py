@@ -21,8 +21,8 @@ simulation = joint.simulate(100, perturbation=tv.simulate.FilteredNoise(), snr_d
 ensemble = tv.preprocess.segment(tv.preprocess.decimate(simulation.recording, 100), period=None)
 
 # %%
-# ``lpv`` takes stiffness as a polynomial in the variable, with the order that best predicts held-
-# out data.
+# ``lpv`` takes stiffness as a polynomial in the variable, with the order that best predicts
+# held-out data.
 
 model = tv.ScheduledIRF(variable="ankle").identify(ensemble)
 print(model.diagnostics.details["order"])

@@ -191,7 +191,7 @@ def plan(
     >>> import tvsysid as tv
     >>> setup = tv.planning.Protocol(perturbation="prbs", amplitude=0.01)
     >>> print(tv.plan(setup, precision=8, methods=["birf"]))
-    To know stiffness to ± 8 N·m/rad at 95 %, with birf and the perturbation `prbs` at 0.01 rad RMS:
+    To know stiffness to ± 8 N·m/rad at 95 %, with birf and the perturbation prbs at 0.01 rad RMS:
     ... realizations of 2 s; record ...
     """
     positive.check("plan", "precision", precision)

@@ -16,7 +16,7 @@ def test_all_figures_of_a_study():
     for illustration in shown.values():
         figure = illustration.draw()
         draw(figure)
-        assert figure.get_suptitle() == illustration.title
+        assert figure.get_suptitle().replace("\n", " ") == illustration.title
         assert illustration.description.endswith(".")
 
 

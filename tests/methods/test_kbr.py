@@ -103,7 +103,8 @@ def test_one_gamma_is_three_alike():
 
 def test_two_realizations_leave_no_noise_to_find_settings_by():
     two = tv.preprocess.subtract_mean(ensemble_of(40.0, "sine", "noise").select([0, 1]))
-    with pytest.raises(tv.InputError, match=r"without any noise; give more realizations"):
+    why = r"explains the torque without any noise; give more realizations"
+    with pytest.raises(tv.InputError, match=why):
         tv.KernelRegression().tuned(two)
 
 

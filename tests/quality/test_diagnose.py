@@ -26,7 +26,8 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
     assert unlike.what.endswith("outliers (realizations 1, 8, 15, 22, 29, 36, 43, 50, 57, 64, …)")
     assert re.search(
         r"^Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found, 1 uncertain \(27 of.*\n"
-        r"- delay: the torque is (29|30).* ms late; without this delay, inertia is .* kg·m².*\n"
+        r"- delay: the torque is (29|30).* ms late; without this delay, inertia is .* kg·m² and "
+        r"not .*, and viscosity .*\n"
         r"    effect: a torque that is late by d .*\n"
         r"    remedy: find what delays a channel .* tv.preprocess.align_channels.*\n"
         r"(.|\n)*not judged: mean-torque, mean-angle \(the mean over realizations has been subtr",

@@ -37,7 +37,7 @@ def test_summary_holds_every_metric(results):
     found = results.sel(scenario="square-prbs-60s-10dB", method_key="sds")
     own = found.sel(quantity="stiffness")
     bias = tv.metrics.bias_error(own.estimate.values, own.truth.values)
-    assert cell["bias_error"] == pytest.approx(bias, rel=1e-12)  # of other order of sums
+    assert cell["bias_error"] == pytest.approx(bias, rel=1e-12)  # sums in another order
     assert cell["rise_time"] == tv.metrics.rise_time(results.time.values, own.estimate.values)
     assert cell["coverage"] == pytest.approx(100 * own.covered.values.mean())
     assert cell["lowest_vaf"] == found.vaf.min()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import attrs
 
@@ -14,9 +13,6 @@ from tvsysid.cli.options import Flag, ReadingOptions, SegmentationOptions, sugge
 from tvsysid.cli.running import command_line
 from tvsysid.errors import InputError
 from tvsysid.recordings.reading import Reading, Segmentation
-
-if TYPE_CHECKING:
-    pass
 
 # Decimation would hide these faults.
 SENSOR_CHECKS = {"clipped-torque", "clipped-angle", "lost-torque", "lost-angle"}

@@ -111,7 +111,7 @@ def finish(figure: Figure, caption: str | None = None) -> Figure:
         columns = max(1, int(figure.get_figwidth() / width))
         place: Any = {"loc": "outside lower center", "ncols": columns, "title": caption}
         figure.legend(entries.values(), entries, **place)
-    # Without axes that have no label, which would take an eighth of the time of drawing.
+    # To align axes without a label, too, would take an eighth of the time of drawing.
     figure.align_ylabels([axes for axes in figure.axes if axes.get_ylabel()])
     return figure
 

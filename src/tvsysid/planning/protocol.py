@@ -286,7 +286,7 @@ class Protocol:
 
 
 def scatter(estimates: Array) -> float:
-    """Return the random error of which these few estimates (estimate, time) are a sample."""
+    """Return the random error of estimates (estimate, time), without the bias of a few."""
     count = len(estimates)
     return (
         float(random_error(estimates)) * math.sqrt(count / (count - 1)) if count > 1 else math.nan

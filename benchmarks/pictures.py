@@ -85,7 +85,7 @@ def reflex() -> Figure:
         axes.plot(ensemble.time, truth[name].mean(axis=0), **TRUE_LINE)
         for label, model in found.models.items():
             if name in model.estimates:
-                values, band = model.estimates[name].values, model.limits(name)
+                values, band = model.estimates[name].values, model.band(name)
                 curve(axes, model.time, values, band, **looks[label])
         axes.set_xlabel("time (s)")
     figure.axes[0].set_ylabel("stiffness (N·m/rad)")

@@ -45,7 +45,7 @@ def layout(model: Model, ensemble: Ensemble | None) -> tuple[Variables, Variable
     for name, estimate in model.estimates.items():
         parts, error = {"": estimate.values}, estimate.standard_error
         if error is not None:
-            lower, upper = error.limits_around(estimate.values, 0.95, simultaneous=False)
+            lower, upper = error.band_around(estimate.values, 0.95, simultaneous=False)
             parts |= {"_standard_error": error.values, "_lower": lower, "_upper": upper}
             variables[f"{name}_freedom"] = _variable(estimate.axes, error.freedom, None)
         for ending, values in parts.items():

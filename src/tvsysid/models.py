@@ -10,7 +10,6 @@ Conventions of the whole package::
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -21,8 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from tvsysid.arrays import read_only, to_array
 from tvsysid.dataset_layout import UNITS, Labelled, to_dataset
-from tvsysid.errors import DataQualityWarning, InputError
-from tvsysid.numerics.bands import critical_value, mean_known, mean_of, simultaneous_value
+from tvsysid.errors import InputError
+from tvsysid.numerics.bands import (
+    critical_value,
+    half_width,
+    mean_known,
+    mean_of,
+    simultaneous_value,
+)
 from tvsysid.signals import Array, Ensemble, check_ensemble
 
 if TYPE_CHECKING:
@@ -65,7 +70,7 @@ class StandardError:
         """Degrees of freedom of each value."""
         return np.broadcast_to(self._freedom, self.values.shape)
 
-    def limits_around(self, values: Array, level: float, simultaneous: bool) -> tuple[Array, Array]:
+    def band_around(self, values: Array, level: float, simultaneous: bool) -> tuple[Array, Array]:
         """Return the lower and upper limit of the band around the estimates ``values``."""
         known = np.isfinite(self.values)
         width = np.full(self.values.shape, np.nan)
@@ -152,7 +157,9 @@ class Estimate:
         return self.error() if callable(self.error) else self.error
 
     def band(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
-        """Return the lower and upper limit of the band around the estimate, NaN where unknown.
+        """Return the lower and upper limit of the band around the estimate.
+
+        They are NaN where there is no band. ``standard_error.absent`` says why.
 
         Parameters
         ----------
@@ -162,22 +169,9 @@ class Estimate:
             Whether the band contains the whole true curve with this probability, or the true value
             at each single time. See :func:`tvsysid.numerics.bands.simultaneous_value`.
 
-        Warns
-        -----
-        DataQualityWarning
-            If there is no band at any time, with the reason. :meth:`limits` does not warn.
         """
-        error = self.standard_error
-        lower, upper = self.limits(level, simultaneous)
-        why = error.absent if error else "the method states no standard error"
-        if why and not np.isfinite(lower).any():
-            warnings.warn(f"no band: {why}", DataQualityWarning, stacklevel=2)
-        return lower, upper
-
-    def limits(self, level: float = 0.95, simultaneous: bool = False) -> tuple[Array, Array]:
-        """Return the limits of the :meth:`band` without a warning if there is none."""
         error = self.standard_error or StandardError.none(self.values.shape, "")
-        return error.limits_around(self.values, level, simultaneous)
+        return error.band_around(self.values, level, simultaneous)
 
 
 @attrs.frozen(eq=False)
@@ -218,7 +212,7 @@ class Model:
     r"""Impedance and other quantities over the time of a realization, as a method identified them.
 
     It predicts the torque :math:`K(t)\theta + B(t)\dot\theta + I(t)\ddot\theta`, with the
-    derivatives of :meth:`tvsysid.Ensemble.derivatives`, unless ``torques`` is given.
+    derivatives of :meth:`tvsysid.Ensemble.derivatives`, unless ``pathways`` is given.
 
     Parameters
     ----------
@@ -234,7 +228,7 @@ class Model:
         Diagnostics of the identification.
     coordinates
         Values along each axis of the estimates, except time and realization.
-    torques
+    pathways
         Function that returns the torque of each pathway. By default, there is one pathway.
     """
 
@@ -244,7 +238,9 @@ class Model:
     method: str = ""
     diagnostics: Diagnostics = attrs.field(factory=Diagnostics)
     coordinates: Mapping[str, NDArray[Any]] = attrs.field(factory=dict, converter=_to_coordinates)
-    torques: Callable[[Ensemble], Mapping[str, Array]] | None = None
+    _torques: Callable[[Ensemble], Mapping[str, Array]] | None = attrs.field(
+        default=None, alias="pathways"
+    )
 
     @classmethod
     def of(
@@ -288,7 +284,7 @@ class Model:
             estimates=given | dict(estimates or {}),
             diagnostics=Diagnostics(parameters),
             coordinates=coordinates or {},
-            torques=pathways,
+            pathways=pathways,
         )
 
     @property
@@ -313,7 +309,7 @@ class Model:
             return np.full(len(self.time), np.nan)
         return estimate.values if estimate.axes == ("time",) else mean_known(estimate.values)
 
-    def limits(self, quantity: str) -> Array:
+    def band(self, quantity: str) -> Array:
         """Return the limits of the 95 % band of an estimate over time, shape (2, time).
 
         NaN where there is no band. The mean over several realizations has no band.
@@ -322,7 +318,7 @@ class Model:
         size = len(self.time)
         if estimate is None or estimate.axes not in OVER_TIME or estimate.values.size != size:
             return np.full((2, size), np.nan)
-        return np.reshape(estimate.limits(), (2, size))
+        return np.reshape(estimate.band(), (2, size))
 
     def pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         """Return the torque of each pathway for the signals of an ensemble, by pathway.
@@ -345,12 +341,12 @@ class Model:
         return np.asarray(sum(self.pathways(ensemble).values()))
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        if self.torques is None:
+        if self._torques is None:
             parts = zip(IMPEDANCE, ensemble.derivatives(), strict=True)
             known = [self.over_time(name) * each for name, each in parts if name in self.estimates]
             return {"intrinsic": np.asarray(sum(known))}
         shape = (len(ensemble), ensemble.samples)
-        torques = {name: np.asarray(each) for name, each in self.torques(ensemble).items()}
+        torques = {name: np.asarray(each) for name, each in self._torques(ensemble).items()}
         for name, torque in torques.items():
             if torque.shape != shape or torque.dtype.kind not in "fiu":
                 raise InputError(
@@ -361,8 +357,7 @@ class Model:
 
     def __repr__(self) -> str:
         known = self.stiffness[np.isfinite(self.stiffness)]
-        lower, upper = self.limits("stiffness")
-        band = mean_of(upper - lower) / 2
+        band = mean_of(half_width(self.band("stiffness")))
         span = "unknown"
         if known.size:
             span = f"{known.min():.1f} to {known.max():.1f} N·m/rad, {known.mean():.1f} on average"

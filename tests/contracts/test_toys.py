@@ -67,7 +67,7 @@ def test_takes_part_in_a_comparison(toy):
     found = tv.compare(ensemble, [toy(), "sds"])
     assert list(found.models) == [toy.__name__, "sds"]
     assert found.vaf[toy.__name__].mean() > 80
-    lower, _ = found.models[toy.__name__].limits("stiffness")
+    lower, _ = found.models[toy.__name__].band("stiffness")
     # The mean of realizations has no band
     assert np.isnan(lower).all() == (toy in (Recursive, Scheduled))
     assert np.isfinite(found.summary()["stiffness (N·m/rad)"]).all()

@@ -18,7 +18,7 @@ from tvsysid.methods import Evidence, Method, centered_channels
 from tvsysid.methods.base import Kind
 from tvsysid.metrics import time_varying_vaf, vaf
 from tvsysid.models import IMPEDANCE, OVER_TIME, Model
-from tvsysid.numerics.bands import mean_known, mean_of
+from tvsysid.numerics.bands import half_width, mean_known, mean_of
 from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
 from tvsysid.quality import Diagnosis
@@ -191,7 +191,7 @@ class Comparison:
         rows = [
             (
                 label,
-                *describe_values(model.stiffness, model.limits("stiffness"), model.time),
+                *describe_values(model.stiffness, model.band("stiffness"), model.time),
                 *map(mean_of, (model.viscosity, model.inertia, self.vaf[label])),
             )
             for label, model in self.models.items()
@@ -210,7 +210,7 @@ class Comparison:
             table: dict[str, Any] = {"time_s": model.time, "method": label}
             further = [name for name, each in model.estimates.items() if each.axes in OVER_TIME]
             for name in dict.fromkeys([*IMPEDANCE, *further]):
-                lower, upper = model.limits(name)
+                lower, upper = model.band(name)
                 values = model.over_time(name)
                 table |= {name: values, f"{name}_lower": lower, f"{name}_upper": upper}
             table["time_varying_vaf"] = self.time_varying_vaf.get(label, np.nan)
@@ -232,8 +232,8 @@ class Comparison:
                 "quantity": name,
                 "unit": estimate.unit,
                 "estimate": estimate.values,
-                "lower": estimate.limits()[0],
-                "upper": estimate.limits()[1],
+                "lower": estimate.band()[0],
+                "upper": estimate.band()[1],
             }
             for label, model in self.models.items()
             for variable, coordinates in model.coordinates.items()
@@ -322,7 +322,7 @@ class Comparison:
 
 
 def describe_values(
-    values: Array, limits: Sequence[Array] | Array, times: ArrayLike = np.nan
+    values: Array, band: Sequence[Array] | Array, times: ArrayLike = np.nan
 ) -> tuple[Any, ...]:
     """Return mean, mean half width of the band, lowest and its time, highest and its time.
 
@@ -331,8 +331,7 @@ def describe_values(
     import pandas as pd  # noqa: PLC0415  # heavy
 
     series = pd.Series(values.ravel(), np.broadcast_to(times, values.size))
-    lower, upper = limits
     extremes: list[Any] = [np.nan] * 4
     if series.max() - series.min() > ROUNDING * abs(series.max()):
         extremes = [series.min(), series.idxmin(), series.max(), series.idxmax()]
-    return mean_of(values), mean_of(upper - lower) / 2, *extremes
+    return mean_of(values), mean_of(half_width(band)), *extremes

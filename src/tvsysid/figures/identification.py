@@ -95,7 +95,7 @@ def draw_quantity(
         x = np.asarray(model.coordinates.get(over, model.time))
         values, band = mean_known(np.atleast_2d(estimate.values)), np.array(np.nan)
         if estimate.values.size == len(x):  # a mean over realizations has no band
-            band = np.reshape(estimate.limits(simultaneous=simultaneous), (2, -1))
+            band = np.reshape(estimate.band(simultaneous=simultaneous), (2, -1))
         if not curves and np.isfinite(band).any():
             always = np.nanpercentile(band, [2, 98])
         curves.append(values)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
@@ -78,6 +79,12 @@ def _check(level: float) -> None:
         raise InputError(
             f"level: expected a probability between 0 and 1, such as 0.95, got {level!r}"
         )
+
+
+def half_width(band: Sequence[Array] | Array) -> Array:
+    """Return half the distance between the lower and the upper limit of a band."""
+    lower, upper = band
+    return (upper - lower) / 2
 
 
 def mean_of(values: Array) -> float:

@@ -17,7 +17,7 @@ from tvsysid.errors import without_quality_warnings
 from tvsysid.methods.adaptive.model import AdaptiveModel, describe_changes
 from tvsysid.methods.base import Method
 from tvsysid.models import Model
-from tvsysid.numerics.bands import mean_of
+from tvsysid.numerics.bands import half_width, mean_of
 from tvsysid.quality import Diagnosis, Finding
 from tvsysid.recommendation.method import (
     MIN_FEEDBACK_PERCENT,
@@ -90,8 +90,7 @@ class Answer:
     @property
     def half_band(self) -> float:
         """Half width of the stiffness's 95 % band, mean over time. NaN without one."""
-        lower, upper = self.model.limits("stiffness")
-        return mean_of(upper - lower) / 2
+        return mean_of(half_width(self.model.band("stiffness")))
 
     @property
     def difference(self) -> float:
@@ -110,10 +109,10 @@ class Answer:
         lines, known = [], self.stiffness[np.isfinite(self.stiffness)]
         scheduled = self.model.estimates.get("scheduled_stiffness")
         if scheduled is not None:
-            (variable,), (lower, upper) = scheduled.axes, scheduled.limits()
+            (variable,), band = scheduled.axes, half_width(scheduled.band())
             at = self.model.coordinates[variable]
             values = (
-                f"{scheduled.values[each]:.1f} ± {(upper - lower)[each] / 2:.1f} at {at[each]:.3g}"
+                f"{scheduled.values[each]:.1f} ± {band[each]:.1f} at {at[each]:.3g}"
                 for each in (0, len(at) // 2, -1)
             )
             over = f"stiffness over {variable}: {', '.join(values)} (N·m/rad, ± 95 % band)"
@@ -230,8 +229,7 @@ def model_spread(
             difference = np.full(len(difference), mean_of(difference))
         share = weights[name] / (weights[name] + weights[label])
         spread = np.fmax(spread, CRITICAL_VALUE * math.sqrt(share) * abs(difference))
-    lower, upper = own.limits("stiffness")
-    return np.asarray(np.maximum(spread, np.nan_to_num(upper - lower) / 2))
+    return np.asarray(np.maximum(spread, np.nan_to_num(half_width(own.band("stiffness")))))
 
 
 def judge_trust(
@@ -283,8 +281,8 @@ def judge_trust(
         reasons.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
     elif not has_reference and measured.feedback > MIN_FEEDBACK_PERCENT:
         cautions = [POSSIBLE_LOOP.format(measured.feedback)]
-    lower, upper = model.limits("stiffness")
-    limit = np.fmax(MAX_SPREAD * mean_of(model.stiffness), mean_of(upper - lower))
+    band = 2 * mean_of(half_width(model.band("stiffness")))
+    limit = np.fmax(MAX_SPREAD * mean_of(model.stiffness), band)
     if not has_reference and spread > limit:
         reasons.insert(0, WIDE_SPREAD.format(spread))
     return "doubtful" if reasons else "good", (*reasons, *cautions)[:MAX_REASONS]

@@ -40,9 +40,9 @@ def estimates(found: Comparison) -> pd.DataFrame:
     for label, model in found.models.items():
         for name, estimate in model.estimates.items():
             about = label, name.replace("_", " "), unit_name(estimate.unit)
-            described = describe_values(estimate.values, estimate.limits())
+            described = describe_values(estimate.values, estimate.band())
             if estimate.axes in OVER_TIME:
-                described = describe_values(model.over_time(name), model.limits(name), model.time)
+                described = describe_values(model.over_time(name), model.band(name), model.time)
             if np.isfinite(described[0]):
                 rows.append((*about, ", ".join(estimate.axes), *described))
         details = model.diagnostics.details

@@ -93,7 +93,7 @@ def _scores_of(model: Model, ensemble: Ensemble, truth: Truth) -> Scores:
             scores[f"estimate quantity {name}"] = model.over_time(name)
             scores[f"unit quantity {name}"] = np.array(one_line(estimate.unit))
         if name in truth.quantities and estimate.axes == ("time",):
-            true, (lower, upper) = truth.quantities[name], estimate.limits(0.95)
+            true, (lower, upper) = truth.quantities[name], estimate.band(0.95)
             held = (lower <= true) & (true <= upper)
             has_band = np.isfinite(lower + upper + true)
             scores[f"covered quantity {name}"] = np.where(has_band, held, np.nan)

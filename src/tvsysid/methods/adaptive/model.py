@@ -50,7 +50,7 @@ class MixtureError(StandardError):
 
     mixture: Mixture = attrs.field(kw_only=True)
 
-    def limits_around(self, values: Array, level: float, simultaneous: bool) -> tuple[Array, Array]:
+    def band_around(self, values: Array, level: float, simultaneous: bool) -> tuple[Array, Array]:
         """Return the limits of a band: quantiles of the mixture, with Student's t for each part."""
         multiple = float(self.multiple(level, simultaneous)[0])
         inside = MIN_MARGIN * multiple * self.values

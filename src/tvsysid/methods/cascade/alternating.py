@@ -109,7 +109,8 @@ class AlternatingCascade(TwoPathwayMethod):
         intrinsic = self.one_pathway.fit(without_reflex)
         gain = {"reflex_gain": Estimate(reflex.sum(axis=1), drive.gain_unit)}
         error = StandardError.none(ensemble.samples, NO_BAND)
-        fields = attrs.asdict(intrinsic, recurse=False) | {
+        known = attrs.fields(type(intrinsic))
+        fields = {each.alias: getattr(intrinsic, each.name) for each in known} | {
             "method": repr(self),
             "estimates": {
                 name: attrs.evolve(each, error=error)

@@ -293,7 +293,7 @@ def _warnings(
     """Yield warnings of limits that the data contradict, and of what is not reliable."""
     fit, fitted = selection.fit, details["stiffness_fitted"]
     stiffness, gain = (estimates[name].values for name in ("stiffness", "reflex_gain"))
-    mean, upper = float(np.nanmean(stiffness)), estimates["reflex_gain"].limits()[1]
+    mean, upper = float(np.nanmean(stiffness)), estimates["reflex_gain"].band()[1]
     used = selection.used
     unlimited = posterior_of(used.moments, used.spread)
     lost = used.posterior.penalized_residual - unlimited.penalized_residual

@@ -1,6 +1,5 @@
 """Bands where data are few: none, with the reason, or finite ones."""
 
-
 import numpy as np
 import pytest
 from tests.conftest import ensemble_of, standard_errors_of

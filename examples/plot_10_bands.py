@@ -22,10 +22,11 @@ ensemble = tv.preprocess.subtract_mean(tv.preprocess.segment(recording, period=2
 method = tv.ShortDataSegments()
 model = method.identify(ensemble)
 estimate = model.estimates["stiffness"]
+resampled = tv.uncertainty.bootstrap(method, ensemble, 40, seed=1)
 bands = {
     "pointwise": estimate.band(0.95),
     "simultaneous": estimate.band(0.95, simultaneous=True),
-    "bootstrap": tv.uncertainty.bootstrap(method, ensemble, 40, seed=1).band("stiffness", 0.95),
+    "bootstrap": resampled.estimates["stiffness"].band(0.95),
 }
 truth = simulation.truth_of(ensemble)["stiffness"][0]
 for name, (lower, upper) in bands.items():

@@ -141,4 +141,3 @@ def test_is_bootstrapped_with_its_channels(toy):
     lower, upper = found.band("stiffness")
     assert (lower <= upper)[np.isfinite(lower)].all()
     assert np.isfinite(lower).mean() > 0.9
-    assert "stiffness_at_emg" not in found.draws

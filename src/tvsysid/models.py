@@ -51,8 +51,8 @@ class StandardError:
     freedom
         Degrees of freedom: one number, or one for each value.
     arc
-        Length of the path of the normalized error on the unit sphere, for simultaneous bands
-        (:func:`tvsysid.numerics.bands.arc_length`).
+        Length in rad of the path that the normalized estimate takes over time, for simultaneous
+        bands (:func:`tvsysid.numerics.bands.arc_length`).
     absent
         Reason why the standard error is unknown at all times. Empty if it is known.
     minimum
@@ -78,7 +78,7 @@ class StandardError:
         return np.maximum(values - width, self.minimum), values + width
 
     def multiple(self, level: float, simultaneous: bool) -> Array:
-        """Return the half width of a band in standard errors, for each known standard error."""
+        """Return the ratio of half width to standard error, for each known standard error."""
         freedom = self.freedom[np.isfinite(self.values)]
         if simultaneous:
             return simultaneous_value(level, freedom, self.arc)
@@ -264,7 +264,7 @@ class Model:
         stiffness, viscosity, inertia
             Shape (time,), or one number; NaN where not identified.
         estimates
-            Estimates of other quantities, or with standard errors, or with axes other than time.
+            Estimates of other quantities, and estimates with standard errors or other axes.
         coordinates
             Values along each axis of the estimates, except time and realization.
         pathways

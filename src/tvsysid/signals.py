@@ -85,7 +85,7 @@ class Signals:
     def angle_as_recorded(self) -> Array:
         """Angle at the recorded rate.
 
-        The last axis is that of ``recorded_angle``. It has length 1 if the angle was not
+        The last axis holds the recorded samples per sample of the angle, one if it was not
         decimated.
         """
         return self.angle[..., None] if self.recorded_angle is None else self.recorded_angle
@@ -162,7 +162,7 @@ class Recording(Signals):
     recorded_angle
         Angle before :func:`tvsysid.preprocess.decimate` lowered its rate, in rad, shape (time,
         sample). Row i holds the recorded samples from sample i of the angle up to, but not
-        including, sample i + 1. Methods with a reflex rectify its velocity at this rate.
+        including, sample i + 1. Methods with a reflex rectify the recorded velocity.
 
     Raises
     ------

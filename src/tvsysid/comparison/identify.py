@@ -32,7 +32,7 @@ from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
 
-ROLES = {"reference", "scheduling"}  # inputs whose channel may be any
+ROLES = {"reference", "scheduling"}  # kinds of input whose channel the user names
 
 
 def compare(
@@ -134,7 +134,7 @@ def compare(
 
 
 def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:
-    """Yield ``adaptive``, then the methods that check it: ``compare`` adds its model in between."""
+    """Yield ``adaptive`` and, when ``models`` has its model, the methods that check it."""
     yield "adaptive", parse("adaptive")
     found = models.get("adaptive")
     checks = ["cascade"] if found is None else ["sds"]

@@ -23,11 +23,12 @@ from tvsysid.validators import one_of, with_settings
 if TYPE_CHECKING:
     from tvsysid.methods.tuning import Evidence
 
-# A signal is 0 if its peak without context is at most this share of its peak with context.
+# A signal is 0 if its peak without context is at most this share of the whole peak.
 ROUNDING = 1e-12
 Kind = Literal["input", "reference", "scheduling"]
 
-MIN_AGREEMENT_PERCENT = 95.0  # second-order agreement; simulated second-order joints have 99 %
+# Share of the angle-dependent torque that a joint of order 2 explains; simulated joints have 99 %.
+MIN_AGREEMENT_PERCENT = 95.0
 
 
 @attrs.frozen
@@ -40,9 +41,9 @@ class Input:
         Name of the channel.
     kind
         ``"input"`` acts on the joint, such as EMG that drives a reflex. ``"reference"`` is the
-        disturbance that the experimenter applied, in closed loop. Both lose their mean with the
-        angle. ``"scheduling"`` is a measured variable on which the joint's properties depend; it
-        keeps its mean.
+        disturbance that the experimenter applied, in closed loop. The mean over realizations is
+        subtracted from both. ``"scheduling"`` is a measured variable on which the joint's
+        properties depend; it keeps its mean.
     unit
         Unit in which the method expects the channel.
     """
@@ -197,7 +198,7 @@ class Method(ABC):
         return Choice(with_settings(self, **evidence.settings), evidence)
 
     def _evidence(self, ensemble: Ensemble) -> Evidence:
-        """Return the evidence for settings."""
+        """Return the settings that were tried, with their scores."""
         raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
@@ -218,7 +219,7 @@ def reason_to_skip(method: Method, ensemble: Ensemble) -> str | None:
 
 
 def centered_channels(methods: Iterable[Method]) -> tuple[str, ...]:
-    """Return the channels that lose their mean with the angle: inputs and references."""
+    """Return the channels whose mean is subtracted: inputs and references."""
     every = [item for method in methods for item in method.inputs]
     return tuple(dict.fromkeys(item.name for item in every if item.kind != "scheduling"))
 

@@ -13,7 +13,7 @@ from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.signals import Ensemble
 from tvsysid.validators import not_negative, optional, positive, text
 
-# Independent samples that a band needs. With fewer, only 78 to 90 % of 95 % bands held the truth.
+# Independent samples for a band. With fewer, a band of 95 % held the truth in only 78 to 90 %.
 MIN_SAMPLES_PER_LAG = 3
 
 

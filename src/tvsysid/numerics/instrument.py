@@ -1,11 +1,10 @@
-r"""The part of an angle that a reference predicts: an instrument where noise moves the angle too.
+r"""Predict an angle from a reference: an instrument where noise also moves the angle.
 
 .. math:: \hat u_r(t) = \sum_{p=0}^{2H} \sum_{\tau} c_{p\tau}\, F_p(t)\, d_r(t - \tau)
 
 with d the reference, F the Fourier series of a realization, and lags from -0.04 s (as far as a
-decimator's filter reaches) to 0.3 s. A function of the reference alone, whatever its
-coefficients, has nothing of the noise; how well it predicts the angle decides about the random
-error only.
+decimator's filter reaches) to 0.3 s. A function of the reference alone is independent of the
+noise, whatever its coefficients. Its accuracy affects the random error only.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.gaussian import Moments, ridge, solve
 from tvsysid.numerics.moments import convolve_lags, diagonal_moments, expanded, window_moments
 
-# by how much samples of the reference that predict the angle may come after it, and before it
+# The angle is predicted from samples of the reference up to so much later, and earlier.
 MAX_AFTER_S, MAX_BEFORE_S = 0.04, 0.30
 HARMONICS = 4
-FADES = 0.08  # s over which the prior of a lag's coefficient falls by e
+DECAY_S = 0.08  # lag over which the prior variance of a coefficient falls by a factor e
 MIN_VARIANCE = 1e-3  # added to that variance, relative to lag 0, so that long lags keep some
 BLOCKS = 5  # groups of realizations, each predicted from the others
 # share of the angle that a reference predicts below which short windows cannot use it
@@ -29,7 +28,7 @@ MIN_PREDICTED = 0.1
 
 
 def lag_samples(rate: float) -> tuple[int, int]:
-    """Return the numbers of samples that the reference is needed after and before the angle."""
+    """Return how many samples the reference needs after the angle, and before it."""
     return round(MAX_AFTER_S * rate), round(MAX_BEFORE_S * rate)
 
 
@@ -50,8 +49,8 @@ def predicted(
 
     The reference has as many more samples at either end as the lags need (:func:`lag_samples`).
     The coefficients of a realization are fitted to the ``core`` of the other ``groups``
-    (realization,), so its noise does not enter its prediction. Only the size of the ridge, that of
-    greatest evidence, is common to all.
+    (realization,), so its noise does not enter its prediction. Only the size of the ridge is chosen
+    for all realizations together, by evidence.
     """
     after, before = lag_samples(rate)
     period = core.stop - core.start
@@ -59,7 +58,7 @@ def predicted(
     lags = np.maximum(np.arange(-after, before + 1), 0) / rate
     harmonics = np.r_[0, np.repeat(np.arange(1, HARMONICS + 1), 2)]
     # Relative prior standard deviations of the coefficients, (lag x function,)
-    variances = np.outer(np.exp(-lags / FADES) + MIN_VARIANCE, 1 / (1 + harmonics**2))
+    variances = np.outer(np.exp(-lags / DECAY_S) + MIN_VARIANCE, 1 / (1 + harmonics**2))
     deviation = np.sqrt(variances).ravel()
     parts = []
     for group in np.unique(groups):

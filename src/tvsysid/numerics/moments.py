@@ -47,10 +47,9 @@ def window_moments(a: Array, b: Array, before: int, after: int) -> Array:
 def window_matrices(later: Array, earlier: Array) -> Array:
     """Return second moments of two signals in a sliding window, (window centre, sample, sample).
 
-    The result is a read-only view.
-    ``later`` and ``earlier`` are the moments along the diagonals (:func:`diagonal_moments`) of
-    the first signal with the second and of the second with the first, as far as the window is
-    long.
+    ``later`` are the moments of the first signal with later samples of the second, ``earlier``
+    those of the second with later samples of the first (:func:`diagonal_moments`). The result is a
+    read-only view.
     """
     reach = later.shape[1] - 1
     # Products of a sample with the samples from `reach` earlier to `reach` later

@@ -10,9 +10,9 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.moments import diagonal_moments
 
 ROUNDING = 1e-9  # share of a regressor's power that is rounding
-SAMPLES = 40  # of noise for each lag of its autocorrelation
-FLOOR = 0.01  # share of the noise's power that is taken as white at least
-FAINT = 1e-13  # power of a filtered angle, over the most it can be, below which it is rounding
+SAMPLES = 40  # samples of noise needed for each lag of its autocorrelation
+FLOOR = 0.01  # power of white noise that is added, as a share of the noise's power
+FAINT = 1e-13  # power of a filtered angle that is rounding, as a share of the largest possible
 
 
 def autocovariance(x: Array, lags: int) -> Array:
@@ -138,8 +138,8 @@ def white_share(
 
     A factor fitted by least squares to frequencies in the band (Hz) has the variance
     :math:`\sum_f S(f) P(f) / (\sum_f S(f))^2`, with S and P the spectral densities of signal and
-    noise, both (realization, time). White noise of the same power in the band gives as much from a
-    share of the data, :math:`\bar P\, \sum_f S(f) / \sum_f S(f)\, P(f)`.
+    noise, both (realization, time). With white noise of the same power in the band, a share of the
+    data gives the same variance: :math:`\bar P\, \sum_f S(f) / \sum_f S(f)\, P(f)`.
     """
     times = noise.shape[1]
     window = 1 - np.cos(2 * np.pi * np.arange(times) / times)
@@ -178,5 +178,5 @@ def _scaled(covariances: Array) -> tuple[Array, Array]:
     scale = np.sqrt(np.where(power > 0, power, 1.0))
     scaled = covariances / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(scaled[0])
-    # Regressors that are alike to rounding share what they explain.
+    # Regressors may be collinear, which makes an eigenvalue 0.
     return scaled, (vectors / np.maximum(values, ROUNDING)) @ vectors.T

@@ -1,4 +1,4 @@
-"""Stiffness, viscosity and inertia from what was identified; arrays only."""
+"""Stiffness, viscosity and inertia from correlations or an impulse response."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from tvsysid.numerics.differentiation import derivative_filters
 
 # share of the largest eigenvalue below which directions of lagged angles are rounding
 ROUNDING = 1e-9
-# determinant of a matrix with a diagonal of ones below which it has no inverse
+# determinant below which a matrix with a diagonal of ones counts as singular
 SINGULAR = 1e-9
 RESPONSE_BAND = (0.5, 15.0)  # Hz, in which a response is fitted
 
 
 class MomentFit(NamedTuple):
-    """Least-squares ``impedance`` (time, 3), and what gives an impedance from correlations.
+    """Impedance (time, 3) by least squares, and the matrix ``readout`` (time, 3, lag).
 
-    The matrix ``readout`` (time, 3, lag) multiplies correlations of lagged angles with the torque.
+    The readout times the correlations of lagged angles with the torque is an impedance, too.
     """
 
     impedance: Array
@@ -37,12 +37,12 @@ def second_order_readout(
     .. math:: (w - D^T p)^T\, \Phi\, (w - D^T p), \qquad p = (D \Phi D^T)^{-1} D\, \varphi
 
     over :math:`p = (k, b, I)`, where the rows of D are the filters that give angle, velocity and
-    acceleration from lagged angles (:mod:`tvsysid.numerics.differentiation`). So the fit counts
-    where the input has power, and its three numbers need no truncation. The readout has its
-    viscosity and inertia. Stiffness is the area under the impulse response.
+    acceleration from lagged angles (:mod:`tvsysid.numerics.differentiation`). Directions without
+    power of the input do not count, so no truncation is needed. The readout gives the viscosity and
+    inertia of this fit. Its stiffness is the area under the impulse response.
 
-    ``phi_uu`` (time, lag, lag) and ``phi_uy`` (time, lag) are mean correlations of lagged angles,
-    and with the torque. ``area`` (time, lag) gives the area under the response from the latter.
+    ``phi_uu`` (time, lag, lag) and ``phi_uy`` (time, lag) are mean correlations of lagged angles
+    with each other and with the torque. ``area`` (time, lag) times ``phi_uy`` is the area.
     """
     derivative = derivative_filters(phi_uy.shape[1] // 2, sampling_rate)
     fit, inverted = second_order_fit(derivative @ phi_uu @ derivative.T, phi_uy @ derivative.T)

@@ -10,8 +10,8 @@ import numpy as np
 from tvsysid.errors import InputError
 from tvsysid.signals import Ensemble
 
-# Change from sample to sample of the differences between realizations, relative to that of the
-# signal. Below, they are noise alone: of the angle, or rounding of the torque.
+# Changes from sample to sample: those of deviations from the mean, divided by those of the signal.
+# Below, the deviations are noise (angle and channels) or rounding (torque).
 MIN_DIFFERENCE, ROUNDING = 3e-3, 1e-9
 
 
@@ -26,15 +26,15 @@ def subtract_mean(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
     ensemble
         At least two realizations.
     channels
-        Channels that lose their mean too: those that act on angle or torque, such as a reference
-        signal or the EMG that drives a reflex. A scheduling variable keeps its mean.
+        Channels whose mean is subtracted too: those that act on angle or torque, such as a
+        reference signal or the EMG that drives a reflex. A scheduling variable keeps its mean.
 
     Raises
     ------
     InputError
-        For one realization, and for a signal that is the same in all realizations: they differ by
-        less than 0.3 % from sample to sample (a perturbation of 0.5 degrees beside a movement of 60
-        degrees leaves 8 %).
+        For one realization, and for a signal that is the same in all realizations: its changes from
+        sample to sample differ by less than 0.3 %. (With a perturbation of 0.5 degrees on a
+        movement of 60 degrees, they differ by 8 %.)
     """
     if len(ensemble) < 2:
         raise InputError(

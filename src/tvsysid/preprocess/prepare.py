@@ -287,7 +287,7 @@ def prepare_experiment(
         See :func:`exclude_task_outliers` and :func:`exclude_residual_outliers`. A limit of None
         leaves that step out.
     channels
-        Channels that lose their mean with angle and torque; see :func:`subtract_mean`.
+        Channels whose mean is subtracted too; see :func:`subtract_mean`.
     gaps
         Gaps found before mains hum was subtracted, which hides them. None finds them.
 

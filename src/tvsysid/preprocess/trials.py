@@ -142,7 +142,7 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
         return np.pad(angle.ravel(), (0, -angle.size % size), "edge").reshape(-1, size)
 
     recorded = [group(recording.angle_as_recorded[trial]) for trial in recording.trials]
-    if recording.recorded_angle is not None:  # it replaces that of an earlier decimation
+    if recording.recorded_angle is not None:  # from an earlier decimation
         recording = attrs.evolve(recording, recorded_angle=None)
     return map_trials(
         recording,

@@ -267,7 +267,7 @@ def judge_trust(
     if not (is_suited or unnamed):  # an unnamed reference explains the loop already
         wrong += loop
     # In a closed loop, the right impedance may predict none of the torque. With a reference, the
-    # reasons below therefore count only if the data hold too little information for any method.
+    # stiffness is therefore refused only if the data hold too little information for any method.
     if not wrong and (not has_reference or measured.information < MIN_INFORMATION):
         if not recommendation.suited:
             wrong = [sentence(recommendation.why)]
@@ -292,8 +292,8 @@ def _invalidating_fault(model: Model, faults: Iterable[Finding]) -> list[str]:
     """Return at most one fault that makes every method wrong: the one that explains the others.
 
     Angles in degrees that are read as radians make a joint 57 times too soft. If its mean stiffness
-    times 57 is plausible, the angle's unit is the fault, and not the torque's. With swapped
-    channels, or another signal in place of the torque, even that is not plausible.
+    times 57 is plausible, the angle's unit is the fault. Otherwise, channels are swapped, or
+    the torque is another signal.
     """
     invalid = _of_severity(faults, "invalid")
     if [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]:

@@ -45,7 +45,7 @@ COUNTED = {
     "excluded_task": "task component",
     "excluded_residual": "residual",
 }
-"""By variable, the step whose excluded realizations it counts; empty: it counts those kept."""
+"""By variable that counts realizations, the step that excluded them; empty if they are kept."""
 
 RECORDED_OVER_TIME = "target_torque", "mean_torque", "truth quantity stiffness"
 
@@ -59,11 +59,11 @@ class Prepared:
     recorded
         The participant and perturbation.
     remarks, failure
-        Trials that are left out, warnings, and why nothing could be prepared, in words. The failure
-        is the last of the remarks; empty if there is none.
+        Texts on trials that are left out, and warnings. If nothing could be prepared, ``failure``
+        says why, and is the last of the remarks. Otherwise it is empty.
     preparation, excerpt
-        What was done to the recording, and ten seconds of it, whose channel ``target`` is drawn;
-        None if nothing could be prepared.
+        Steps of the preparation, and ten seconds of the recording for a figure; None if nothing
+        could be prepared.
     ensemble
         Kept realizations, mean subtracted; None if there are none.
     over_time

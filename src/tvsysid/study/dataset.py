@@ -60,7 +60,7 @@ def dataset_of(
     results = labelled([cells.get(cell, {}) for cell in itertools.product(*axes.values())], axes)
     if "unit" not in results:
         texts = *results.failure.values.flat, *results.get("warnings", results.failure).values.flat
-        raise InputError(f"run: no method gave a result; the first: {next(filter(None, texts))}")
+        raise InputError(f"run: no method gave a result. First reason: {next(filter(None, texts))}")
     units = results.unit.transpose("quantity", ...)
     # Draws without an estimate have an empty unit.
     known = [max(own.values.flat) or UNITS.get(str(own["quantity"].values), "") for own in units]
@@ -74,8 +74,8 @@ def dataset_of(
 def labelled(parts: Sequence[Scores], axes: Mapping[str, Sized]) -> xr.Dataset:
     """Return a dataset of scores: ``parts`` holds those of each combination, the last axis fastest.
 
-    Arrays of a part lie over time. ``"estimate quantity stiffness"`` becomes the variable estimate
-    at stiffness along quantity.
+    Arrays of a part have the axis time. A name such as ``"estimate quantity stiffness"`` holds
+    variable, axis and label.
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 

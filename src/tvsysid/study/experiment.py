@@ -27,7 +27,7 @@ from tvsysid.validators import at_least
 
 VIRTUAL = (1, 2, 3, 4, 5, 6)  # virtual participants of an experiment without files
 PERTURBATIONS = ("noise", "prbs")  # their perturbations
-BLOCK_REALIZATIONS, REALIZATIONS = (20, 40), (75, 150)  # in one block, and otherwise
+BLOCK_REALIZATIONS, REALIZATIONS = (20, 40), (75, 150)  # of draws in one block, of others
 
 PAPER = {
     "eirf": "eirf:max_lag=0.1171875",
@@ -127,9 +127,9 @@ class Experiment(StudySettings):
         files (``channels={"emg": "EMG_SIGNAL"}``).
     preparation
         Settings of :func:`tvsysid.preprocess.prepare_experiment` that are not its defaults. For
-        files, the default rate is the nearest to 128 Hz that divides theirs and fits the period,
-        and nothing is aligned unless ``reference``, or a channel ``"target"`` in ``reading``, names
-        the torque to be followed. In a TOML file, ``false`` stands for None.
+        files, the default rate is near 128 Hz: it divides their rate, and a period is a whole
+        number of samples. Realizations are aligned only if ``reference``, or a channel ``"target"``
+        in ``reading``, names the target torque. In a TOML file, ``false`` stands for None.
     perturbation
         Which of the perturbations are studied; None takes all there are.
     methods
@@ -141,8 +141,8 @@ class Experiment(StudySettings):
         Numbers of realizations in a draw, for all methods. By default 75 and 150, and 20 and 40 for
         methods with draws in one block, as in the paper.
     max_realizations
-        Maximum of ``realizations``, by default what the recording with the fewest has. Larger
-        numbers are left out. If all are larger, the maximum is used.
+        Maximum of ``realizations``, by default the fewest that a recording has. Larger numbers are
+        left out. If all are larger, the maximum is used.
     bootstraps, seed
         Number of draws, and their seed. The draws depend on the seed, the recording and the number
         of realizations alone, so that all methods see the same ones.

@@ -1,4 +1,4 @@
-"""Run a study: every method on every draw of every case, one file of scores for each task."""
+"""Run the tasks of a study, keep a file of scores for each, and collect the results."""
 
 from __future__ import annotations
 

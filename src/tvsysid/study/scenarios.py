@@ -33,7 +33,7 @@ from tvsysid.validators import (
 )
 
 Viscosity = Literal["constant", "covarying"]
-"""The system's own (2.2 N·m·s/rad), or rising with the stiffness from 1 to 3 N·m·s/rad."""
+"""Viscosity of the system (2.2 N·m·s/rad), or rising with stiffness from 1 to 3 N·m·s/rad."""
 PERIOD, RATE = 2.0, 100.0  # s of a realization, and Hz after decimation, as in the paper
 PARTS: dict[str, Callable[[Any], Any]] = {
     "stiffness": partial(resolve, known=PROFILES, kind="profile"),
@@ -41,7 +41,7 @@ PARTS: dict[str, Callable[[Any], Any]] = {
     "system": partial(resolve, known=SYSTEMS, kind="system"),
     "methods": to_method,
 }
-"""Settings with values that are objects, and functions that return the object of a text."""
+"""By setting, the function that turns a text into an object."""
 
 
 class Scenario(NamedTuple):
@@ -98,7 +98,7 @@ class Study(StudySettings):
         those of the scenario.
     also
         Further scenarios: mappings of the settings above and of ``methods``, each a grid of its
-        own. What is not given is as above.
+        own. Settings that a mapping leaves out have their values above.
     rate, period
         Rate in Hz to which the data are decimated, and duration of a realization in s.
     subtract_mean

@@ -1,4 +1,4 @@
-"""From the draws of a study to its metrics, with bootstrap replicates, and tables of them."""
+"""Compute the metrics of a study with bootstrap replicates, and tabulate them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 REPLICATES = 1000
-AT_SWITCH = 0.05  # seconds to either side of a switch that are at it
+AT_SWITCH = 0.05  # seconds from a switch up to which a time is at the switch
 AWAY = 0.3  # seconds from a switch beyond which no window or lag of the paper's methods reaches it
 MAIN = "stiffness"  # the quantity whose metrics have no quantity in their names
 PATHWAY = "pathway_vaf"  # metric of each pathway, whose name takes the place of the quantity
@@ -137,30 +137,30 @@ def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
     if not draws.coords.get("asked", True):
         return found
     used = draws.failure.values == ""
-    found["failed"] = _once(np.sum(~used), weights)
+    found["failed"] = _without_replicates(np.sum(~used), weights)
     if not used.any():
         return found
     own, weights = draws.isel(trial=used, bootstrap=used, missing_dims="ignore"), weights[:, used]
-    # Trials drawn for a replicate have on average (M - 1) / M of the variance of all M trials. One
-    # trial has no spread.
+    # Factors of the variance: trials drawn for a replicate have on average (M - 1) / M of the
+    # variance of all M trials. One trial has no spread.
     unbiased = used.sum() / (used.sum() - 1 or np.nan)
-    of_replicates = np.full(len(weights), unbiased)
-    of_replicates[0] = 1.0 if used.sum() > 1 else np.nan
+    factors = np.full(len(weights), unbiased)
+    factors[0] = 1.0 if used.sum() > 1 else np.nan
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # the mean of nothing
         for quantity in map(str, own.quantity.values):
             one, prefix = own.sel(quantity=quantity), "" if quantity == MAIN else f"{quantity} "
             if one.estimate.notnull().any():
-                values = _of_quantity(one, weights, unbiased, of_replicates)
+                values = _of_quantity(one, weights, unbiased, factors)
                 found |= {prefix + name: each for name, each in values.items()}
-        return found | _of_torque(own, weights, of_replicates)
+        return found | _of_torque(own, weights, factors)
 
 
-def _once(value: float, weights: Array) -> Array:
+def _without_replicates(value: float, weights: Array) -> Array:
     """Return a metric that has no replicates."""
     return np.append(value, np.full(len(weights) - 1, np.nan))
 
 
-def _of_quantity(own: xr.Dataset, weights: Array, unbiased: float, of_replicates: Array) -> Scores:
+def _of_quantity(own: xr.Dataset, weights: Array, unbiased: float, factors: Array) -> Scores:
     """Return the metrics of a quantity.
 
     The squared bias of M trials includes 1 / M of their variance. That of a replicate includes it
@@ -171,13 +171,13 @@ def _of_quantity(own: xr.Dataset, weights: Array, unbiased: float, of_replicates
     known = np.isfinite(estimate).all(axis=0)
     random = metrics.random_error(estimate, weights)
     bias = metrics.bias_error(estimate, truth, weights)
-    debiased = np.square(bias) - np.square(random) * (unbiased * of_replicates - 1)
+    debiased = np.square(bias) - np.square(random) * (unbiased * factors - 1)
     found = {
         "mean": metrics.weighted_mean(estimate[:, known].mean(axis=1), weights),
         "bias_error": bias,
         "debiased_bias_error": np.sqrt(np.maximum(0.0, debiased)),
         "mean_bias": metrics.mean_bias(estimate, truth, weights),
-        "random_error": random * np.sqrt(unbiased if "bootstrap" in own.dims else of_replicates),
+        "random_error": random * np.sqrt(unbiased if "bootstrap" in own.dims else factors),
         "total_error": metrics.total_error(estimate, truth, weights),
     }
     if "covered" in own:
@@ -185,7 +185,7 @@ def _of_quantity(own: xr.Dataset, weights: Array, unbiased: float, of_replicates
     return found
 
 
-def _of_torque(draws: xr.Dataset, weights: Array, of_replicates: Array) -> Scores:
+def _of_torque(draws: xr.Dataset, weights: Array, factors: Array) -> Scores:
     """Return the metrics of the torque, and those at switches of the stiffness."""
     over_draws = partial(metrics.weighted_mean, weights=weights)
     over_time = partial(np.nanmean, axis=1)
@@ -193,10 +193,10 @@ def _of_torque(draws: xr.Dataset, weights: Array, of_replicates: Array) -> Score
     varying, truth, time = own.time_varying_vaf.values, own.truth.values, own.time.values
     mean, off = over_draws(varying), varying - varying.mean(axis=0)
     variance = np.maximum(0.0, over_draws(np.square(off)) - np.square(over_draws(off)))
-    spread = np.sqrt(variance * of_replicates[:, None])
+    spread = np.sqrt(variance * factors[:, None])
 
     found = {name: over_draws(own[name]) for name in ("vaf", "bandpassed_vaf", "seconds")} | {
-        "lowest_vaf": _once(own.vaf.values.min(), weights),
+        "lowest_vaf": _without_replicates(own.vaf.values.min(), weights),
         "lowest_time_varying_vaf": np.nanmin(mean, axis=1),
         "time_varying_vaf_sd": over_time(spread),
         "time_varying_vaf_sd_soft": over_time(spread[:, truth < truth.mean()]),

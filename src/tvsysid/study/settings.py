@@ -27,8 +27,8 @@ class StudySettings:
     def from_toml(cls, path: str | Path, **settings: Any) -> Self:
         """Read a study from a TOML file whose keys are the settings.
 
-        Settings that are given here replace those of the file, in its further scenarios too. Files
-        that the study names are sought beside the TOML file.
+        ``settings`` replace those of the file, and those of its table ``also``. Files that the
+        study names are relative to the TOML file.
 
         Raises
         ------
@@ -97,6 +97,6 @@ def to_method(value: Any) -> Method:
 
 
 def spawn_key(text: str) -> list[int]:
-    """Return the spawn key of independent random numbers."""
+    """Turn a text into a spawn key for a random seed."""
     digest = hashlib.sha256(text.encode()).digest()
     return list(map(int, np.frombuffer(digest[:16], "<u4")))

@@ -65,7 +65,7 @@ class Task:
     depends_on: object
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # cloudpickle sends a notebook's code, too. A task holds all its data: pickle it when sent.
+        # cloudpickle also sends a notebook's code. Tasks are pickled late, because they are large.
         return _unpickled, (cloudpickle.dumps(attrs.asdict(self, recurse=False)),)
 
     @property

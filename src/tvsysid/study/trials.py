@@ -1,4 +1,4 @@
-"""Cases of a simulation study: scenarios, of which each trial is a draw."""
+"""Tasks and results of a simulation study: a case is a scenario, a draw is a trial."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def draw(study: Study, scenario: Scenario, trial: int) -> tuple[Ensemble, Truth]
     """Return a trial, with its noiseless torque and the means of its quantities."""
     simulation = simulate(study, scenario, trial)
     recording, pathways = simulation.recording, simulation.pathways
-    every = attrs.evolve(recording, channels={**recording.channels, **pathways})
-    ensemble = segment(decimate(every, study.rate), study.period)
+    with_pathways = attrs.evolve(recording, channels={**recording.channels, **pathways})
+    ensemble = segment(decimate(with_pathways, study.rate), study.period)
     if study.subtract_mean:
         ensemble = subtract_mean(ensemble, pathways)
     torques = {name: ensemble.channels[name][:, ensemble.core] for name in pathways}

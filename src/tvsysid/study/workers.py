@@ -72,7 +72,9 @@ def run_tasks(
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Executor | None]:
-    """Open local processes, which end with this one and ignore interruptions; None for one.
+    """Open local processes, which end with this one and ignore interruptions.
+
+    Yield None instead of a single process.
 
     Raises
     ------
@@ -105,7 +107,7 @@ def local_workers(count: int) -> Iterator[Executor | None]:
 def _begin() -> None:
     """Make a worker ignore interruptions, and end with its parent, even if that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # As the command line does: looking for garbage would take a tenth of the time for figures.
+    # As on the command line: garbage collection would take a tenth of the time of figures.
     gc.set_threshold(100_000)
 
     def follow() -> None:

@@ -94,7 +94,7 @@ def test_a_recording_without_any_usable_trial_fails_alone(tmp_path):
     assert np.isnan(results.estimate[0]).all()
     assert np.isfinite(results.estimate.sel(quantity="stiffness")[1]).all()
     assert set(exclusions((lost, fine)).participant) == {"P8"}
-    with pytest.raises(tv.InputError, match="the first: no trial can be used"):
+    with pytest.raises(tv.InputError, match="First reason: no trial can be used"):
         run(experiment, prepared=[lost], workers=1)
 
 

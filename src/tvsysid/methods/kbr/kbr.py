@@ -31,7 +31,7 @@ from tvsysid.validators import Validator, is_number, one_of, optional, positive
 Weights = Literal["white", "residual"]
 
 NM_PER_DEG = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
-# Modulus of the paper's joint at 1 Hz in N·m/rad. By convention, its scale is 1 N·m/deg.
+# Modulus of the paper's joint at 1 Hz in N·m/rad, for which ``scale`` is 1 N·m/deg by convention.
 PAPER_MODULUS = 100.0
 # iterations of the residual weights; one more changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
@@ -164,8 +164,7 @@ class KernelRegression(shared.ReferenceMethod):
         runs = runs_of(ensembles, kernel, self.band)
         moments = moments_of(runs, kernel)
         variances = np.broadcast_to(self.gamma, 3) * self._scale(moments, kernel) ** 2
-        # The cost (equation 16) has no 1/2 before the prior, so a weight has half its kernel's
-        # variance.
+        # Equation 16 is minus the log posterior of weights with half their kernel's variance.
         precision = np.outer(2 / variances, kernel.precision).ravel()
         edge = base.missing_edge(HALF_WIDTH, ensemble)
         torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)
@@ -191,7 +190,7 @@ class KernelRegression(shared.ReferenceMethod):
         def errors() -> dict[str, StandardError]:
             # The posterior does not know that a mean over realizations was subtracted.
             factors = len(ensemble) / shared.independent_realizations(ensemble) * np.ones(3)
-            # The posterior assumes that the noise has the same power all over the band, its mean.
+            # The posterior assumes that the noise is white in the band.
             if self.weighting == "white":
                 filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
                 share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
@@ -222,8 +221,8 @@ class KernelRegression(shared.ReferenceMethod):
     def _scale(self, moments: Moments, kernel: Kernel) -> float:
         """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
 
-        Unlike the torque over the angle, the modulus at 1 Hz does not depend on the perturbation or
-        the noise. A joint without stiffness also has one.
+        It follows from the modulus at 1 Hz, which does not depend on the perturbation or the noise,
+        and is not 0 for a joint without stiffness.
         """
         if self.scale is not None:
             return self.scale
@@ -283,7 +282,7 @@ def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
         noise = wanted
     if isinstance(found, Posterior):
         return found
-    # State the noise variance for which the weights were fitted, and not that of their residual.
+    # Replace the noise variance of the residual by the one that the weights were fitted with.
     covariance = found.covariance * (noise / found.noise_variance)
     return found._replace(covariance=covariance, noise_variance=noise)
 

@@ -23,13 +23,12 @@ from scipy.special import ive
 from tvsysid.errors import InputError
 from tvsysid.signals import Array, Ensemble
 
-ENDLESS = 120_000.0  # decay in s of the paper's simulated study, which in effect is none
-# decay, in lengths of the record, from which on the kernel is taken as strictly periodic
-STRICT = 20.0
-# Share of the prior variance below which a feature is left out. The same gamma is a very wide prior
-# for inertia, so that faint features still carry torque: 1e-9 would change stiffness by 1 N·m/rad.
+ENDLESS = 120_000.0  # s, the paper's decay for its simulations: in effect no decay
+MAX_DECAY = 20.0  # in record lengths; a longer decay counts as none
+# Share of the prior variance below which a feature is left out. It is so small because gamma is a
+# very wide prior for inertia: 1e-9 would change stiffness by 1 N·m/rad.
 TOLERANCE = 1e-13
-# Largest harmonics * (1 + record / l2). More would need 2 GiB of covariance.
+# Maximum of harmonics * (1 + record length / l2). More would need 2 GiB of covariance.
 MAX_SIZE = 1875
 
 
@@ -37,10 +36,11 @@ MAX_SIZE = 1875
 class Kernel:
     """Features of the locally periodic kernel: harmonics of the period times slow functions.
 
-    Each column is a cosine or sine of a ``harmonic`` times a ``slow`` function, given by its index.
-    ``wave`` is the index of the cosine or sine in :meth:`periodic_features`, and ``precision`` the
-    column's prior precision for gamma = 1. All have shape (column,). The first column is the
-    constant, whose prior precision is 0. The record lasts ``span`` s.
+    Each column is a cosine or sine times a slow function. ``harmonic`` is the number of its
+    harmonic, ``wave`` the index of the cosine or sine in :meth:`periodic_features`, ``slow`` the
+    index of the slow function, and ``precision`` the prior precision for gamma = 1. All have shape
+    (column,). The first column is the constant, whose prior precision is 0. The record lasts
+    ``span`` s.
 
     Slow function 0 is constant. The others are the eigenfunctions of the decay ``l2``: its
     :func:`covariance` with the ``nodes``, times a matrix ``projection`` (node, function). A
@@ -73,10 +73,9 @@ class Kernel:
                 f"over a record of {span:g} s need too many features of each coefficient; give "
                 "fewer realizations, a longer length_decay or a larger length_periodic"
             )
-        # With a decay, only the constant column uses slow function 0: the eigenfunctions alone
-        # represent the decay.
+        # With a decay, only the constant column uses slow function 0.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
-        if l2 < STRICT * span:
+        if l2 < MAX_DECAY * span:
             nodes, projection, shares = decay_features(float(clocks.min()), span, l2)
             shares = np.insert(shares, 0, 0.0)
         kept = np.outer(variances, shares) > TOLERANCE
@@ -124,7 +123,7 @@ class Kernel:
         return np.asarray(periodic * self.slow_features(clock)[..., self.slow])
 
     def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
-        """Return sums of features times ``coefficients`` (quantity, column), (*time, quantity)."""
+        """Return values (*time, quantity) from ``coefficients`` (quantity, column)."""
         weights = np.zeros((2 * self.highest + 1, len(coefficients), self.functions))
         weights[self.wave, :, self.slow] = coefficients.T
         of_slow = np.tensordot(self.periodic_features(phase), weights, 1)

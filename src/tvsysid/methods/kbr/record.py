@@ -22,7 +22,7 @@ from tvsysid.signals import Array, Ensemble
 ComplexArray = NDArray[np.complex128]
 
 BLOCK = 512  # frequencies whose regressors are held at once
-# half-cosines over a run that model the smooth external term, from 0 to 2 cycles
+# half-cosines over a run, from 0 to 2 cycles, that model the paper's external torque f_ext
 EXTERNAL_TERMS = 5
 # A sum of half-cosines with less power per sample in the band than this is rounding error.
 MIN_POWER = 1e-9
@@ -30,10 +30,11 @@ MIN_POWER = 1e-9
 
 @attrs.frozen(eq=False)
 class Runs:
-    """All runs with the same number of realizations, as spectra of signals times slow functions.
+    """Spectra of the runs of one length. A run is a sequence of realizations without a gap.
 
-    The signals are the angle and its derivatives, then those of an instrument if there is one, and
-    last the torque, which is multiplied by the first function only. The ends of a run, where
+    Each signal is multiplied by each slow function of the kernel. The signals are the angle and its
+    derivatives, then those of an instrument if there is one, and last the torque, which is
+    multiplied by the first function only. The ends of a run, where
     derivatives are unknown, are 0. ``spectra`` (signal x function, run, frequency) have
     ``norm="ortho"``. They begin ``reach`` bins below the fitted ``bins``, and end as many above.
     Each run lasts ``periods`` realizations, together ``samples``. All spectra count time from the
@@ -61,7 +62,7 @@ class Runs:
         kernel: Kernel,
         band: tuple[float, float],
     ) -> Runs:
-        """Join ``realizations`` (run, realization); a second ensemble is the instrument.
+        """Join ``realizations`` (run, realization) of an ensemble, and of its instrument if given.
 
         The ``band`` in Hz is fitted.
         """
@@ -145,29 +146,29 @@ def external_terms(samples: int, lost: int) -> ComplexArray:
 
 
 def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, float]) -> list[Runs]:
-    """Divide an ensemble, and that of its instrument, into runs; the ``band`` in Hz is fitted.
+    """Divide an ensemble, and its instrument if given, into runs; the ``band`` in Hz is fitted.
 
     Raise InputError if the band has no data.
     """
     ensemble = ensembles[0]
     lost = max(0, HALF_WIDTH - ensemble.context)
-    found = []
+    groups = []
     for length in {len(run) for run in ensemble.runs}:
         if length * ensemble.samples > 2 * lost + 1:
             realizations = np.stack([run for run in ensemble.runs if len(run) == length])
-            found.append(Runs.of(ensembles, realizations, kernel, band))
-    found = [runs for runs in found if runs.weights.size]
-    if not found:
+            groups.append(Runs.of(ensembles, realizations, kernel, band))
+    groups = [runs for runs in groups if runs.weights.size]
+    if not groups:
         raise InputError(
             f"KernelRegression: nothing is left of realizations of {ensemble.samples} samples at "
             f"{ensemble.sampling_rate:g} Hz after {HALF_WIDTH} at either end for the derivatives, "
             f"within a band of {band[0]:g} to {band[1]:g} Hz; give context, longer realizations or "
             "a lower band"
         )
-    return found
+    return groups
 
 
-def moments_of(found: Sequence[Runs], kernel: Kernel) -> Moments:
+def moments_of(groups: Sequence[Runs], kernel: Kernel) -> Moments:
     r"""Return sums over the band's frequencies of products of all regressors X and torque y.
 
     Real and imaginary parts count separately. The smooth external terms T of each run have no
@@ -175,9 +176,9 @@ def moments_of(found: Sequence[Runs], kernel: Kernel) -> Moments:
 
     .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
     """
-    size = (len(found[0].spectra) - 1) // kernel.functions * kernel.columns + 1  # and the torque
+    size = (len(groups[0].spectra) - 1) // kernel.functions * kernel.columns + 1  # and the torque
     products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
-    for runs in found:
+    for runs in groups:
         terms = runs.external * runs.weights
         # The terms of all runs have the same products, as they differ in phase alone.
         powers, axes = np.linalg.eigh(terms[0] @ terms[0].T)
@@ -195,17 +196,17 @@ def moments_of(found: Sequence[Runs], kernel: Kernel) -> Moments:
     return Moments.of(products, number)
 
 
-def whitened(found: Sequence[Runs], residual: Array) -> list[Runs]:
+def whitened(groups: Sequence[Runs], residual: Array) -> list[Runs]:
     """Return runs with weights that make a residual (realization, time) white.
 
     The weights are the inverse square root of the residual's spectrum relative to its mean.
     """
     correlation = autocorrelation(residual - residual.mean())  # 1 at lag 0; negative lags mirror it
-    powers = [2 * rfft(correlation, runs.samples)[runs.bins].real - 1 for runs in found]
+    powers = [2 * rfft(correlation, runs.samples)[runs.bins].real - 1 for runs in groups]
     mean = np.mean(np.concatenate(powers))
     return [
         attrs.evolve(runs, weights=np.repeat(np.sqrt(mean / power), 2))
-        for runs, power in zip(found, powers, strict=True)
+        for runs, power in zip(groups, powers, strict=True)
     ]
 
 

@@ -27,7 +27,7 @@ from tvsysid.signals import Array, Ensemble
 LENGTHS = np.geomspace(0.002, 30.0, 12)  # candidates of l1, from which the search climbs
 WHOLE_RANGE = (LENGTHS[0], LENGTHS[-1])
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
-START = 1e3  # initial power of the torque that each quantity explains, over the noise variance
+INITIAL_SNR = 1e3  # power of the torque from each quantity, divided by the noise variance
 MAX_DROP, MAX_RISE = 50.0, 15.0  # largest change of log prior variances in a climb
 # number of weights above which a decay is not tried, and the given settings are not compared
 MAX_WEIGHTS = 2000
@@ -45,7 +45,7 @@ class Settings:
     """Settings of the method, and their log marginal likelihood ``value``.
 
     ``theta`` holds the logs of l1, of three prior variances and of the complex noise's variance.
-    ``line`` describes the difference from the given settings.
+    ``line`` is the name of their line in a figure.
     """
 
     decay: float
@@ -65,7 +65,7 @@ class Settings:
 
 @attrs.frozen(eq=False)
 class Likelihood:
-    r"""Log marginal likelihood by the logs of l1, three prior variances and the noise variance.
+    r"""Log marginal likelihood of the logs of l1, three prior variances and the noise variance.
 
     The constants have no prior, and are integrated out with unit density (restricted likelihood).
     The ``moments`` of all ``kernel`` features are scaled to the effective number of samples.
@@ -98,7 +98,7 @@ class Likelihood:
             log_strength = log_variances + np.log(np.diag(self.moments.gram)) - theta[4]
         counts = flat | (log_strength > math.log(MIN_STRENGTH))
         precision = np.where(flat[counts], 0.0, np.exp(-log_variances[counts]))
-        # Real and imaginary parts have half the variance each, and so has a weight (equation 16).
+        # Half the variance: of the noise in a real or imaginary part, and of weights (equation 16).
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
         by_gamma = np.bincount(signal[counts], found.variance_gradient, minlength=3)
         by_length = float(found.variance_gradient @ slopes[harmonic[counts]])
@@ -156,7 +156,7 @@ def tried_settings(
     kernel = Kernel.of(ensemble, LENGTHS[0], ENDLESS)
     periodic = Likelihood.of(ensemble, kernel, band, share)
     powers = periodic.moments.gram.diagonal()[:: kernel.columns] / periodic.moments.number
-    start = Settings(ENDLESS, np.log([1.0, *(START * noise / powers), noise]), "no decay")
+    start = Settings(ENDLESS, np.log([1.0, *(INITIAL_SNR * noise / powers), noise]), "no decay")
     tried = [periodic.climb(start, (length, length)) for length in LENGTHS]
     best = periodic.climb(max(tried, key=_value), WHOLE_RANGE)
     if likelihood := likelihood_of(given):

@@ -1,4 +1,4 @@
-r"""Identify a joint in closed loop, with the angle that a reference predicts as the instrument.
+r"""Identify a joint in closed loop. The instrument is the angle predicted from a reference.
 
 In closed loop, noise of the torque moves the angle. With :math:`x = (u, \dot u, \ddot u)` of the
 angle and z of the predicted angle, :math:`E[z (y - x^T \theta)] = 0` whatever the loop, but
@@ -25,9 +25,9 @@ from tvsysid.validators import with_settings
 if TYPE_CHECKING:
     from tvsysid.methods.tuning import Evidence
 
-# Shares of the angle that a reference predicts
-MIN_SHARE = 0.01  # at least, with residual weights
-WEAK_SHARE = 0.5  # below, there is a warning
+# Least share of the angle that a reference must predict, with residual weights
+MIN_SHARE = 0.01
+WEAK_SHARE = 0.5  # share below which there is a warning
 
 
 class ReferenceMethod(Method):
@@ -78,7 +78,7 @@ class ReferenceMethod(Method):
         return with_settings(self, reference=None)._open_loop_evidence(instrument)
 
     def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
-        """Return the evidence for settings where the angle is imposed."""
+        """Return the evidence for settings in open loop."""
         return super()._evidence(ensemble)
 
     def _instrument(self, ensemble: Ensemble, reference: str) -> tuple[Ensemble, float]:
@@ -89,8 +89,8 @@ class ReferenceMethod(Method):
         """
         instrument = attrs.evolve(ensemble, angle=_predicted(ensemble, reference))
         measured, angle = (each.angle[:, ensemble.core] for each in (ensemble, instrument))
-        left = measured - angle
-        explained = 1 - float(np.vdot(left, left) / np.vdot(measured, measured))
+        error = measured - angle
+        explained = 1 - float(np.vdot(error, error) / np.vdot(measured, measured))
         if not explained >= self.least_share:
             raise InputError(
                 f"{self.key}: the disturbance {reference!r} hardly moves the angle: it predicts "
@@ -103,7 +103,7 @@ class ReferenceMethod(Method):
 def _predicted(ensemble: Ensemble, reference: str) -> Array:
     """Return the angle (realization, context + time + context) that the reference predicts.
 
-    Unknown samples of the reference are 0, because an instrument may be incomplete.
+    Unknown samples of the reference are 0. This weakens the instrument, without a bias.
     """
     values = ensemble.signal(reference)
     if ensemble.mean_subtracted:
@@ -115,7 +115,7 @@ def _predicted(ensemble: Ensemble, reference: str) -> Array:
         )
     after, before = lag_samples(ensemble.sampling_rate)
     extended = np.pad(values, ((0, 0), (before, after)))
-    # What was recorded before a realization replaces zeros.
+    # Samples recorded before a realization replace its zeros.
     past = history(ensemble, values, before + ensemble.context)
     start = extended[:, : past.shape[1]]
     start[:] = np.where(np.isnan(past), start, past)

@@ -24,7 +24,7 @@ from tvsysid.signals import Array, Ensemble
 # Longest lag at which the noise's autocorrelation counts. It is multiplied by that of the angle,
 # which is about 0 beyond.
 MAX_NOISE_LAG_S = 0.25
-MIN_RESIDUAL_SHARE = 0.1  # of the noise's variance
+MIN_RESIDUAL_SHARE = 0.1  # least share of the noise's variance that a fit leaves in the residual
 
 
 def independent_realizations(ensemble: Ensemble) -> int:
@@ -37,7 +37,7 @@ def independent_realizations(ensemble: Ensemble) -> int:
 
 
 def independent_share(ensemble: Ensemble, predicted: Array, band: tuple[float, float]) -> float:
-    """Return the effective fraction of independent samples for stiffness.
+    """Return the effective fraction of independent samples in a fit of stiffness.
 
     It is below 1 if the residual is not white. ``predicted`` is the torque (realization, time)
     of some model, ``band`` the fitted frequencies in Hz; see
@@ -89,21 +89,19 @@ def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, 
 
 
 def noise_ratio(of_measured: Array, of_predicted: Array) -> float:
-    """Return the power of the first residual of the torque, divided by that of the second.
+    """Return the residual power for the measured angle, divided by that for the predicted angle.
 
-    The first is of a fit to the measured angle. The second, of a fit to the predicted angle, also
-    holds the torque of the movement that noise causes.
+    The latter also holds the torque of the movement that noise causes.
     """
     return float(np.sum(of_measured**2) / np.sum(of_predicted**2))
 
 
 def residual_agreement(ensemble: Ensemble, residuals: Array, first: int) -> float:
-    """Return the share in % that a fit explains of the torque that depends on the angle.
+    """Return the share of the angle-dependent torque that a fit explains, in %.
 
     ``residuals`` (realization, time) of the torque begin at the time ``first``. The derivatives of
-    the angle must be known at all their times. In closed loop, the ensemble must have the angle
-    predicted from a reference: the part of the measured one that noise moves is correlated with
-    the noise in the residual. See
+    the angle must be known at all their times. In closed loop, the ensemble must have the predicted
+    angle: noise moves the measured angle, which is therefore correlated with the residual. See
     :func:`tvsysid.numerics.second_order.agreement_of_moments`.
     """
     if not residuals.size:
@@ -139,9 +137,9 @@ def noise_colour(
     filters: Array,
     overlap: Array | float = 1.0,
 ) -> tuple[Array, Array]:
-    """Return the noise's autocorrelation (lag,), and factors (regressor,) of a fit's variances.
+    """Return the noise's autocorrelation (lag,), and variance factors (regressor,).
 
-    The factors are relative to the variances under white noise.
+    The factors multiply the variances that a fit has under white noise.
 
     Parameters
     ----------
@@ -153,7 +151,7 @@ def noise_colour(
     filters
         Filters (regressor, tap) that give the regressors from lagged angles.
     overlap
-        Weight of the noise's products at each lag in a windowed fit, relative to lag 0.
+        Autocorrelation of the window in a windowed fit, one number or one for each lag.
     """
     lags = colour_lags(ensemble)
     products = angle_products(ensemble.angle, filters.shape[1], lags)
@@ -188,8 +186,7 @@ def posterior_errors(
     freedom
         Degrees of freedom.
     times
-        Number of times of a realization. The errors are NaN at the times of either end that the
-        expansions lack.
+        Number of times of a realization. Ends that the expansions lack are NaN.
     factors
         Factors of the variances, one or (quantity,).
     """

@@ -37,8 +37,8 @@ class Windows(NamedTuple):
     ``weights`` (time, lag) and ``rank`` describe the solution. These have shape (time,): the number
     of ``samples`` in the window, the number of ``independent`` ones, the ``noise`` variance and its
     degrees of ``freedom``. ``fit`` (time, 3) is a second-order fit. ``readout`` (time, 3, lag)
-    gives the impedance from the correlations with the torque: stiffness as the area, viscosity and
-    inertia of the fit.
+    times the correlations with the torque gives the area under the response as stiffness, and the
+    fit's viscosity and inertia.
     """
 
     weights: Array
@@ -57,8 +57,8 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     The correlations are means over realizations and a window of time. The window reaches ``half``
     samples to either side, and is cut short where the context ends. ``solve`` gives the solution
     from :math:`\Phi`, :math:`\varphi`, the torque's variance and the number of samples averaged.
-    The noise is the residual of the solution without truncation. That of the truncated
-    solution would be too small for its rank, because the same noise chose its directions.
+    The noise is the residual of the solution without truncation. With truncation, it would be too
+    small for the rank, because the same noise decides which directions are kept.
     """
     angle, torque, margin = _within_reach(ensemble, lags, half)
     times = angle.shape[1] - 2 * (lags + margin)

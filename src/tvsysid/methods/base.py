@@ -56,7 +56,7 @@ class Input:
 class Choice(NamedTuple):
     """Method with settings that were chosen from data, and the evidence for them."""
 
-    method: Any
+    method: Method
     evidence: Evidence
 
 

@@ -128,8 +128,7 @@ class Tuned(Method):
 
     def fit(self, ensemble: Ensemble) -> Model:
         """Choose the settings, and identify by them; warnings are those of the method."""
-        model: Model = self.tuned(ensemble).method.identify(ensemble)
-        return model
+        return self.tuned(ensemble).method.identify(ensemble)
 
     identify = fit
 

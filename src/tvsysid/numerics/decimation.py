@@ -1,4 +1,4 @@
-"""Low-pass and keep every so-manieth sample."""
+"""Low-pass signals, and keep every n-th sample."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from tvsysid.numerics import Array
 
 TAPS = 31
-# taps for each of the factor, of a filter that passes hardly anything from 1.2 times the new
-# Nyquist on
+# taps, divided by the factor, of a filter that stops frequencies above 1.2 times the new Nyquist's
 SHARP = 20
 
 

@@ -21,15 +21,15 @@ from tvsysid.quality.checks import Finding, NotApplicable, judge
 from tvsysid.quality.statistics import TINY, filtered, over_usual, whitener
 from tvsysid.signals import Array, Ensemble, check_ensemble
 
-MIN_BIN_SAMPLES, MIN_POOLED_SAMPLES = 5, 100  # the latter of all realizations together
-MIN_BINS = 10  # in a realization, if they are longer than the shortest
+MIN_BIN_SAMPLES, MIN_POOLED_SAMPLES = 5, 100  # of a bin: in a realization, and in all together
+MIN_BINS = 10  # of a realization, if its bins are longer than MIN_BIN_SAMPLES
 NOISE_PAST = 10  # samples from which noise is predicted
 MIN_RATE_HZ = 100.0
 MIN_KNOWN_SAMPLES = 30  # of a realization, with known derivatives
 # Standard deviation in samples of a low-pass. Near half the sampling rate, noise in the angle, the
 # decimator's aliases and the errors of derivatives look like a delay or a smaller inertia.
 LOW_PASS_SAMPLES = 1.0
-MIN_EXPLAINED = 0.1  # share of the torque without which the joint has no impedance to speak of
+MIN_EXPLAINED = 0.1  # smallest share of the torque that an impedance explains
 SI_UNITS = {"angle": "rad", "torque": "N·m"}
 NO_RESPONSE = "the torque does not respond to the angle"
 
@@ -237,7 +237,7 @@ class FittedEnsemble:
         return SecondOrderFit(motion, self.torque[:, self.region])
 
     def unpredicted(self, signal: Array) -> Array:
-        """Return what its past does not predict of a signal, at the whitened samples."""
+        """Return the part of a signal that its past does not predict, at the whitened samples."""
         first = self.region.start - HALF_WIDTH
         stop = self.region.stop - HALF_WIDTH
         return filtered(signal, whitener(signal, HALF_WIDTH))[:, first + NOISE_PAST : stop]

@@ -161,7 +161,7 @@ def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
 
 def harmonic_variances(l1: float) -> Array:
     """Return the variances of a constant and the harmonics that matter. Their sum is 1."""
-    count = min(math.ceil(10 + 8 * math.sqrt(min(1 / (2 * l1), 1e9))), 2 * MAX_SIZE)
+    count = math.ceil(min(10 + 8 * math.sqrt(1 / (2 * l1)), 2 * MAX_SIZE))
     variances = np.exp(log_harmonic_variances(l1, count)[0])
     return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
 

@@ -13,6 +13,7 @@ from scipy.fft import rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
+from tvsysid.methods.base import missing_edge
 from tvsysid.methods.kbr.kernel import Kernel, clocks_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.gaussian import Moments
@@ -69,7 +70,7 @@ class Runs:
         ensemble = ensembles[0]
         runs, periods = realizations.shape
         rate, samples = ensemble.sampling_rate, periods * ensemble.samples
-        lost = max(0, HALF_WIDTH - ensemble.context)
+        lost = missing_edge(HALF_WIDTH, ensemble)
         known = slice(lost, samples - lost)
         signals = np.zeros((3 * len(ensembles) + 1, runs, samples))
         angles = [differentiate(joined(each, realizations), rate) for each in ensembles]
@@ -151,7 +152,7 @@ def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, fl
     Raise InputError if the band has no data.
     """
     ensemble = ensembles[0]
-    lost = max(0, HALF_WIDTH - ensemble.context)
+    lost = missing_edge(HALF_WIDTH, ensemble)
     groups = []
     for length in {len(run) for run in ensemble.runs}:
         if length * ensemble.samples > 2 * lost + 1:

@@ -134,10 +134,11 @@ def test_trials_that_cannot_be_used_are_left_out(tmp_path, random):
         savemat(tmp_path / f"{name}.mat", {"pos": angle, "tq": torque})
     files = {name: tmp_path / f"{name}.mat" for name in "abcde"}
     reading = Reading(angle="pos", torque="tq", sampling_rate=100.0, columns="trials")
-    trials = tv.recordings.read_usable_trials(files, reading, 0.5)
-    names = [f"{name}, trial {number}" for name in "abc" for number in (1, 2)]
-    assert [*trials.names] == [name for name in names if name != "a, trial 2"]
-    assert trials.unusable["a, trial 2"].startswith("angle: 1 of 50 values are NaN")
-    assert trials.unusable["d, trial 2"].startswith("the trial lasts 0.2 s, less than the 0.5 s")
-    assert trials.unusable["e"] == "no such file"
-    assert len(trials.recording.trials) == 5
+    with pytest.warns(tv.DataQualityWarning) as warned:
+        recording = tv.recordings.read_usable_trials(files, reading, 0.5)
+    reasons = dict(str(each.message).split(" is left out: ") for each in warned)
+    assert [*reasons] == ["a, trial 2", "d, trial 1", "d, trial 2", "e"]
+    assert reasons["a, trial 2"].startswith("angle: 1 of 50 values are NaN")
+    assert reasons["d, trial 2"].startswith("the trial lasts 0.2 s, less than the 0.5 s")
+    assert reasons["e"] == "no such file"
+    assert len(recording.trials) == 5

@@ -2,7 +2,6 @@
 from .channel import Channel as Channel
 from .formats import describe_file as describe_file
 from .formats import recordings_in as recordings_in
-from .read import UsableTrials as UsableTrials
 from .read import join_trials as join_trials
 from .read import read_recording as read_recording
 from .read import read_trials as read_trials

@@ -7,7 +7,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import attrs
 import numpy as np
@@ -27,24 +27,6 @@ UNITS = {  # factor to rad or N·m, and how files spell the unit
         "Nmm": (1e-3, r"nmm|newtonmillimet(er|re)s?"),
     },
 }
-
-
-class UsableTrials(NamedTuple):
-    """Usable trials of several files, and why the others are left out.
-
-    Parameters
-    ----------
-    recording
-        The usable trials. None if no trial is usable.
-    names
-        Name of each trial: its file, or file and number of the trial.
-    unusable
-        Reason why a trial cannot be used, by the name of each trial that is left out.
-    """
-
-    recording: Recording | None
-    names: tuple[str, ...]
-    unusable: dict[str, str]
 
 
 def read_recording(path: str | Path, reading: Reading | None = None, **settings: Any) -> Recording:
@@ -98,7 +80,7 @@ def read_recording(path: str | Path, reading: Reading | None = None, **settings:
 
 def read_usable_trials(
     paths: Mapping[str, Path], reading: Reading, shortest: float = 0.0
-) -> UsableTrials:
+) -> Recording:
     """Read trials as :func:`tvsysid.read_trials` does, but leave out unusable trials.
 
     Parameters
@@ -109,14 +91,27 @@ def read_usable_trials(
         How all files are read.
     shortest
         Minimum duration of a trial in s.
+
+    Raises
+    ------
+    InputError
+        If no trial can be used.
+
+    Warns
+    -----
+    DataQualityWarning
+        Of each trial that is left out, with the reason, and as :func:`tvsysid.read_recording`.
     """
-    usable: dict[str, Recording] = {}
-    unusable: dict[str, str] = {}
+    usable: list[Recording] = []
+
+    def leave_out(name: str, reason: str) -> None:
+        warnings.warn(f"{name} is left out: {reason}", DataQualityWarning, stacklevel=3)
+
     for label, file in paths.items():
         try:
             channels, signals, starts = _read_signals(file, reading)
         except InputError as error:
-            unusable[label] = str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: ")
+            leave_out(label, str(error).removeprefix(f"{file}: ").removeprefix(f"{file.name}: "))
             continue
         for number, trial in enumerate(map(slice, starts, (*starts[1:], None)), start=1):
             name = label if len(starts) == 1 else f"{label}, trial {number}"
@@ -128,12 +123,13 @@ def read_usable_trials(
                         "that a realization and the trimmed ends need"
                     )
             except InputError as error:
-                unusable[name] = str(error)
+                leave_out(name, str(error))
                 continue
-            usable[name] = recording
+            usable.append(recording)
             _warn(name, channels, recording, reading)
-    joined = join_trials([*usable.values()]) if usable else None
-    return UsableTrials(joined, tuple(usable), unusable)
+    if not usable:
+        raise InputError("no trial can be used")
+    return join_trials(usable)
 
 
 def read_trials(paths: Sequence[str | Path], **settings: Any) -> Recording:

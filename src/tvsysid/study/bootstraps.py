@@ -131,16 +131,11 @@ def _read(experiment: Experiment, patterns: Iterable[str]) -> Recording:
         for pattern in map(os.path.expanduser, patterns)
         for name in sorted(glob.glob(pattern, root_dir=experiment.folder)) or [pattern]
     }
-    channels = dict(reading.channels)
-    if (target := settings["reference"]) is not None:
-        channels.setdefault(target, target)
+    channels, target = reading.channels, settings["reference"]
+    if target:
+        channels = {target: target, **channels}
     shortest = 2 * settings["ends"] + settings["period"]
-    trials = read_usable_trials(files, attrs.evolve(reading, channels=channels), shortest)
-    for name, reason in trials.unusable.items():
-        warnings.warn(f"{name} is left out: {reason}", DataQualityWarning, stacklevel=2)
-    if trials.recording is None:
-        raise InputError("no trial can be used")
-    return trials.recording
+    return read_usable_trials(files, attrs.evolve(reading, channels=channels), shortest)
 
 
 def _prepare_recording(
@@ -229,10 +224,8 @@ def results_of(
         "method_key": ("analysis", [each.name for each in analyses]),
         "realizations": ("analysis", [each.realizations for each in analyses]),
     }
-    period, rate = experiment.preparation["period"], experiment.preparation["rate"]
-    title = "Experimental study of methods that identify joint impedance over time"
-    about = {"title": title, "experiment": experiment.to_json()}
-    results = dataset_of(measured, coordinates, period, rate, about)
+    rate = experiment.preparation["rate"]
+    results = dataset_of(measured, coordinates, rate, experiment=experiment.to_json())
     unknown = dict.fromkeys(RECORDED_OVER_TIME, np.full(results.sizes["time"], np.nan))
     facts = [{**unknown, **item.over_time, **_preparation_of(item)} for item in prepared]
     of_recordings = labelled(facts, {"recording": prepared})

@@ -33,9 +33,8 @@ def axes_of(results: xr.Dataset) -> tuple[str, str, str]:
 def dataset_of(
     measured: Iterable[tuple[Task, Scores]],
     coordinates: Mapping[str, tuple[Any, Any]],
-    period: float,
     rate: float,
-    attributes: Mapping[str, str],
+    **settings: str,
 ) -> xr.Dataset:
     """Return the scores of a study as a dataset.
 
@@ -45,10 +44,10 @@ def dataset_of(
         Tasks and their scores.
     coordinates
         Dimensions and values of coordinates by name, those of cases, draws and methods first.
-    period, rate
-        Duration of a realization in s, and sampling rate in Hz.
-    attributes
-        Title and settings, to which versions of the software are added.
+    rate
+        Sampling rate in Hz.
+    settings
+        Settings of the study, as an attribute beside the versions of the software.
     """
     cells = {
         (task.case, draw, method): {name: values[row, column] for name, values in scores.items()}
@@ -64,11 +63,11 @@ def dataset_of(
     units = results.unit.transpose("quantity", ...)
     # Draws without an estimate have an empty unit.
     known = [max(own.values.flat) or UNITS.get(str(own["quantity"].values), "") for own in units]
-    time = "time", np.arange(round(period * rate)) / rate, {"units": "s"}
+    time = "time", np.arange(results.sizes["time"]) / rate, {"units": "s"}
     results = results.drop_vars("unit").assign_coords(
         {**coordinates, "time": time, "unit": ("quantity", known)}
     )
-    return results.assign_attrs(attributes, versions=json.dumps(versions()))
+    return results.assign_attrs(settings, versions=json.dumps(versions()))
 
 
 def labelled(parts: Sequence[Scores], axes: Mapping[str, Sized]) -> xr.Dataset:

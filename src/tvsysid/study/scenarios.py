@@ -12,7 +12,7 @@ import attrs
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.methods import STUDIED_METHODS, label_of, resolve
+from tvsysid.methods import STUDIED_METHODS, Method, label_of, resolve
 from tvsysid.simulate import (
     PERTURBATIONS,
     PROFILES,
@@ -178,14 +178,15 @@ class Study(StudySettings):
         return tuple(self.methods_of)
 
     @cached_property
-    def methods_of(self) -> dict[Scenario, set[str]]:
-        """Labels of the methods that identify each scenario, from every grid that has it."""
-        methods_of: dict[Scenario, set[str]] = {}
+    def methods_of(self) -> dict[Scenario, dict[str, Method]]:
+        """Methods that identify each scenario, by label, from every grid that has it."""
+        methods_of: dict[Scenario, dict[str, Method]] = {}
         for grid in self.grids:
+            methods = {label_of(each): to_method(each) for each in grid.methods}
             for values in itertools.product(*(getattr(grid, name) for name in Scenario._fields)):
                 labels = [each if isinstance(each, float) else label_of(each) for each in values]
                 scenario = Scenario._make(labels)
-                methods_of.setdefault(scenario, set()).update(map(label_of, grid.methods))
+                methods_of.setdefault(scenario, {}).update(methods)
         return methods_of
 
     def system_of(self, scenario: Scenario) -> System:

@@ -103,20 +103,19 @@ def score(results: xr.Dataset) -> xr.Dataset:
     weights, scored = np.vstack([np.ones(count), drawn]), results
     if "trial_truth" in results:  # shift estimates, so that their error stays the same
         scored = results.assign(estimate=results.estimate - (results.trial_truth - results.truth))
+    cells = np.ndindex(shape)
     found = stack(
-        [
-            _metrics(scored.isel({case: row, method: column}), weights)
-            for row, column in np.ndindex(shape)
-        ]
+        [_metrics(scored.isel({case: row, method: column}), weights) for row, column in cells],
+        *shape,
     )
-    samples = np.stack([*found.values()], axis=1).reshape(*shape, len(found), len(weights))
+    samples = np.stack([*found.values()], axis=2)
     units = results.unit.to_series().str.replace(" ", "·").str.replace("m2", "m²")
     pairs = (name.rpartition(" ") for name in found)
     unit = [
         METRICS.get(metric, PERCENT) or units[quantity or MAIN] for quantity, _, metric in pairs
     ]
-    cells = results.failure.isel({draw: 0}, drop=True).coords
-    coordinates = {**cells, "metric": [*found], "unit": ("metric", unit)}
+    labels = results.failure.isel({draw: 0}, drop=True).coords
+    coordinates = {**labels, "metric": [*found], "unit": ("metric", unit)}
     dims = case, method, "metric"
     scores = xr.Dataset({"value": (dims, samples[..., 0])}, coordinates, results.attrs)
     failed = scores.value.sel(metric="failed", drop=True)

@@ -56,15 +56,13 @@ def tasks_of(study: Study) -> list[Task]:
         perturbation = study.parts["perturbation"][scenario.perturbation]
         parts = map(identity_of, (study.system_of(scenario), perturbation))
         settings = study.rate, study.period, study.subtract_mean
-        asked = study.methods_of[scenario]
         depends_on = scenario, study.seed_of(scenario), settings, [*parts]
-        methods = {label: each for label, each in study.parts["methods"].items() if label in asked}
         tasks += [
             Task(
                 case=scenario.label,
                 draw=partial(draw, study, scenario),
                 draws=[trial],
-                methods=methods,
+                methods=study.methods_of[scenario],
                 depends_on=depends_on,
             )
             for trial in range(study.trials)
@@ -84,9 +82,7 @@ def results_of(study: Study, measured: Iterable[tuple[Task, Scores]]) -> xr.Data
     }
     for name, values in zip(TRAITS, zip(*scenarios, strict=True), strict=True):
         coordinates[name] = "scenario", list(values)
-    title = "Simulation study of methods that identify joint impedance over time"
-    about = {"title": title, "study": study.to_json()}
-    results = dataset_of(measured, coordinates, study.period, study.rate, about)
+    results = dataset_of(measured, coordinates, study.rate, study=study.to_json())
     truth = results.truth.max("method_key")  # the same for every method
     if np.allclose(truth, truth[:, :1], rtol=1e-6, equal_nan=True):
         return results.assign(truth=truth.isel(trial=0, drop=True))

@@ -202,10 +202,15 @@ class Recording(Signals):
         return tuple(map(slice, self.trial_starts, ends))
 
     @property
+    def trial_lengths(self) -> NDArray[np.int64]:
+        """Number of samples of each trial, shape (trial,)."""
+        return np.diff([*self.trial_starts, len(self)])
+
+    @property
     def time(self) -> Array:
         """Time of each sample within its trial in s, shape (time,)."""
-        counts = [np.arange(trial.stop - trial.start) for trial in self.trials]
-        return self.start + np.concatenate(counts) / self.sampling_rate
+        counts = np.concatenate([*map(np.arange, self.trial_lengths)])
+        return self.start + counts / self.sampling_rate
 
 
 def _to_onsets(onsets: ArrayLike | None, ensemble: Any) -> Array:

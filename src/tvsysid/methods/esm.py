@@ -20,7 +20,7 @@ from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.second_order import second_order_fit
 from tvsysid.numerics.spectra import hann, short_time_spectra
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import one_of, optional, positive, text
+from tvsysid.validators import one_of, positive
 
 Stiffness = Literal["dc", "fit"]
 
@@ -75,7 +75,7 @@ class EnsembleSpectral(shared.ReferenceMethod):
 
     window: float = attrs.field(default=0.30, validator=positive)
     stiffness: Stiffness = attrs.field(default="dc", validator=one_of(Stiffness))
-    reference: str | None = attrs.field(default=None, validator=optional(text))
+    reference: str | None = None
 
     key = "esm"
     title = "Ensemble spectral method"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -72,10 +71,10 @@ def power_spectrum(x: Array) -> Array:
     return np.asarray(power.sum(axis=0))
 
 
-def power_share(x: Array, sampling_rate: float, low: float, high: float = math.inf) -> float:
-    """Return the share of the variance of x (realization, time) from low to high in Hz."""
+def power_share(x: Array, sampling_rate: float, low: float) -> float:
+    """Return the share of the variance of x (realization, time) from ``low`` in Hz on."""
     power = power_spectrum(x)
     frequency = np.fft.rfftfreq(x.shape[1], 1 / sampling_rate)
     total = float(power.sum())
-    inside = float(power[(frequency >= low) & (frequency <= high)].sum())
+    inside = float(power[frequency >= low].sum())
     return inside / total if total > 0 else 0.0

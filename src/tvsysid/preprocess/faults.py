@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tvsysid.errors import InputError
 from tvsysid.numerics.spectra import hann, power_spectrum
-from tvsysid.preprocess.trials import Gap, map_trials, shortest_trial
+from tvsysid.preprocess.trials import Gap, map_trials
 from tvsysid.signals import Array, Recording
 
 MIN_GAP_S, MIN_GAP_SAMPLES = 0.03, 10
@@ -73,7 +73,7 @@ def find_mains(recording: Recording) -> tuple[float, float]:
     stands out of the spectrum.
     """
     rate = recording.sampling_rate
-    window = min(round(WINDOW_S * rate), shortest_trial(recording))
+    window = min(round(WINDOW_S * rate), recording.trial_lengths.min())
     if window < MIN_WINDOW_S * rate:
         return MAINS_HZ[0], 0.0
     spectra = []  # by Welch's method; importing scipy.signal takes longer

@@ -54,15 +54,10 @@ def map_trials(
 
     signals = recording.mapped(change_all)
     if min(lengths) < 1:
-        shortest = shortest_trial(recording) / recording.sampling_rate
+        shortest = recording.trial_lengths.min() / recording.sampling_rate
         raise InputError(f"no sample is left of a trial of {shortest:g} s; remove less of it")
     starts = (0, *np.cumsum(lengths[:-1]).tolist())
     return attrs.evolve(recording, **signals | {"trial_starts": starts} | attributes)
-
-
-def shortest_trial(recording: Recording) -> int:
-    """Return the number of samples of the shortest trial."""
-    return min(int(trial.stop - trial.start) for trial in recording.trials)
 
 
 def nearest_rate(recorded: float, rate: float, period: float = 1.0) -> float:
@@ -122,7 +117,7 @@ def decimate(recording: Recording, rate: float, *, sharp: bool = False) -> Recor
     if factor == 1:
         return recording
     taps = SHARP * factor + 1 if sharp else TAPS
-    shortest = shortest_trial(recording)
+    shortest = recording.trial_lengths.min()
     if shortest < taps:
         raise InputError(
             f"decimate: a trial of {shortest} samples is shorter than the filter's {taps} samples"
@@ -257,7 +252,7 @@ def segment(
     rate = recording.sampling_rate
     not_negative.check("segment", "context", context)
     margin = round(context * rate)
-    lengths = np.array([trial.stop - trial.start for trial in recording.trials])
+    lengths = recording.trial_lengths
     if period is None:
         samples = lengths.min() - 2 * margin
         earliest = margin

@@ -90,7 +90,7 @@ class Simulation:
         start = recording.start + recording.origin - ensemble.origin
         seconds = ensemble.onsets[:, None] + ensemble.time - start
         within = np.rint(seconds * recording.sampling_rate).astype(np.int64)
-        lengths = np.array([trial.stop - trial.start for trial in recording.trials])
+        lengths = recording.trial_lengths
         first, last = min(trials.min(), within.min()), lengths[trials % len(lengths)] - 1
         if first < 0 or trials.max() >= len(lengths) or (within[:, -1] > last).any():
             raise InputError(

@@ -87,10 +87,8 @@ class Likelihood:
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Return the restricted log likelihood and its derivatives."""
-        signal, harmonic = (
-            np.repeat(np.arange(3), self.kernel.columns),
-            np.tile(self.kernel.harmonic, 3),
-        )
+        signal = np.repeat(np.arange(3), self.kernel.columns)
+        harmonic = np.tile(self.kernel.harmonic, 3)
         flat = np.tile(self.kernel.precision == 0, 3)
         logs, slopes = log_harmonic_variances(math.exp(theta[0]), self.kernel.highest)
         log_variances = np.where(flat, 0.0, theta[1 + signal] + logs[harmonic])

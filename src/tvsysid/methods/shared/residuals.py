@@ -107,7 +107,7 @@ def residual_agreement(ensemble: Ensemble, residuals: Array, first: int) -> floa
     if not residuals.size:
         return float("nan")
     start = ensemble.context + first
-    stop = ensemble.context + first + residuals.shape[1]
+    stop = start + residuals.shape[1]
     angle = ensemble.angle[:, start - HALF_WIDTH : stop + HALF_WIDTH]
     cross = diagonal_moments(residuals, angle, 2 * HALF_WIDTH).mean(axis=0)
     products = diagonal_moments(angle, angle, 2 * HALF_WIDTH)

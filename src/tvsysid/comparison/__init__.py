@@ -2,7 +2,6 @@
 
 from tvsysid.comparison.comparison import Comparison
 from tvsysid.comparison.identify import compare
-from tvsysid.comparison.preparation import correct, prepare
-from tvsysid.comparison.prepared import PreparedRecording
+from tvsysid.comparison.preparation import PreparedRecording, correct, prepare
 
 __all__ = ["Comparison", "PreparedRecording", "compare", "correct", "prepare"]

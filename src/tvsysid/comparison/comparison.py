@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import html
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -176,9 +175,6 @@ class Comparison:
 
         return plot(self, title)
 
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(repr(self))}</pre>"
-
     def summary(self) -> pd.DataFrame:
         """Return a table with a row for each method.
 
@@ -205,17 +201,16 @@ class Comparison:
         """
         import pandas as pd  # noqa: PLC0415  # heavy
 
-        tables: list[dict[str, Any]] = []
+        tables = []
         for label, model in self.models.items():
-            table: dict[str, Any] = {"time_s": model.time, "method": label}
+            table = pd.DataFrame({"time_s": model.time, "method": label})
             further = [name for name, each in model.estimates.items() if each.axes in OVER_TIME]
             for name in dict.fromkeys([*IMPEDANCE, *further]):
-                lower, upper = model.band(name)
-                values = model.over_time(name)
-                table |= {name: values, f"{name}_lower": lower, f"{name}_upper": upper}
+                table[name] = model.over_time(name)
+                table[f"{name}_lower"], table[f"{name}_upper"] = model.band(name)
             table["time_varying_vaf"] = self.time_varying_vaf.get(label, np.nan)
             tables.append(table)
-        return pd.concat(map(pd.DataFrame, tables), ignore_index=True)
+        return pd.concat(tables, ignore_index=True)
 
     def over_variables(self) -> pd.DataFrame:
         """Return a table with a row for each method, quantity and value of a measured variable.
@@ -295,8 +290,10 @@ class Comparison:
                 try:
                     torques[label][:, part] = self._predict_part(part, label)
                 except Exception as error:  # a user's method may raise anything; the others go on
-                    text = "no held-out VAF where the method cannot be fitted without a fold"
-                    reason = f"{label}: {text}: {describe_error(error)}"
+                    reason = (
+                        f"{label}: no held-out VAF where the method cannot be fitted without a "
+                        f"fold: {describe_error(error)}"
+                    )
                     warnings.warn(reason, DataQualityWarning, stacklevel=2)
         return torques
 
@@ -309,10 +306,11 @@ class Comparison:
             return np.asarray(values - ensemble.mean_subtracted * mean_known(values[kept]))
 
         angle, torque = deviation(ensemble.angle), deviation(ensemble.torque)
-        centered = {name: deviation(ensemble.signal(name)) for name in centered_channels([method])}
         measured = torque[held_out, ensemble.core]
         torque[held_out] = 0.0  # hide it from a method that reads the torque to predict it
-        channels = {**ensemble.channels, **centered}
+        channels = dict(ensemble.channels)
+        for name in centered_channels([method]):
+            channels[name] = deviation(channels[name])
         given = attrs.evolve(ensemble, angle=angle, torque=torque, channels=channels)
         with without_quality_warnings():
             # The fit to all realizations has warned already.
@@ -323,15 +321,15 @@ class Comparison:
 
 def describe_values(
     values: Array, band: Sequence[Array] | Array, times: ArrayLike = np.nan
-) -> tuple[Any, ...]:
+) -> tuple[float, ...]:
     """Return mean, mean half width of the band, lowest and its time, highest and its time.
 
     The extremes of a constant are NaN.
     """
-    import pandas as pd  # noqa: PLC0415  # heavy
-
-    series = pd.Series(values.ravel(), np.broadcast_to(times, values.size))
-    extremes: list[Any] = [np.nan] * 4
-    if series.max() - series.min() > ROUNDING * abs(series.max()):
-        extremes = [series.min(), series.idxmin(), series.max(), series.idxmax()]
+    known = values[np.isfinite(values)]
+    at = np.broadcast_to(times, values.shape)[np.isfinite(values)]
+    extremes = [np.nan] * 4
+    if known.size and np.ptp(known) > ROUNDING * abs(known.max()):
+        places = np.argmin(known), np.argmax(known)
+        extremes = [each for place in places for each in (known[place], at[place])]
     return mean_of(values), mean_of(half_width(band)), *extremes

@@ -9,7 +9,7 @@ from contextlib import suppress
 import attrs
 
 from tvsysid.comparison.comparison import Comparison
-from tvsysid.comparison.prepared import PreparedRecording
+from tvsysid.comparison.preparation import PreparedRecording
 from tvsysid.errors import (
     DataQualityWarning,
     InputError,
@@ -94,51 +94,52 @@ def compare(
                 f"compare: two methods have the name {label}. Make their settings fields of the "
                 "class, so that the name holds them"
             )
+    prepared = None
     if isinstance(data, PreparedRecording):
-        data = data.center(centered_channels(chosen.values()))
-    ensemble = data.ensemble if isinstance(data, PreparedRecording) else data
-    queue = list(chosen.items())
+        prepared = data.center(centered_channels(chosen.values()))
+        data = prepared.ensemble
+    labels = list(chosen)
     models: dict[str, Model] = {}
     predicted: dict[str, Array] = {}
     evidence: dict[str, Evidence] = {}
     skipped: dict[str, str] = {}
     failed: dict[str, str] = {}
     with single_thread(), without_quality_warnings():
-        for number, (label, method) in enumerate(queue or _usual(models)):
-            progress(number, len(queue) or 3)
-            chosen[label] = method
+        for number, label in enumerate(labels or _usual(models)):
+            progress(number, len(labels) or 3)
+            chosen[label] = method = chosen.get(label) or parse(label)
             try:
-                if reason := reason_to_skip(method, ensemble):
+                if reason := reason_to_skip(method, data):
                     skipped[label] = reason
                     continue
                 if isinstance(method, Tuned) or (tune and method.can_be_tuned):
-                    chosen[label], evidence[label] = method.tuned(ensemble)
-                model = chosen[label].identify(ensemble)
-                predicted[label] = model.predict(ensemble)
+                    chosen[label], evidence[label] = method.tuned(data)
+                model = chosen[label].identify(data)
+                predicted[label] = model.predict(data)
                 models[label] = model
             except Exception as error:  # a user's method may raise anything; the others go on
                 failed[label] = describe_error(error)
     if not models:
         raise InputError("; ".join(map(": ".join, {**skipped, **failed}.items())))
     warned = ((label, text) for label in models for text in models[label].diagnostics.warnings)
-    for text, labels in by_cause(warned).items():
-        warnings.warn(f"{', '.join(labels)}: {text}", DataQualityWarning, stacklevel=2)
-    found = Comparison(ensemble, chosen, models, predicted, evidence, skipped, failed)
-    if not isinstance(data, PreparedRecording):
+    for text, names in by_cause(warned).items():
+        warnings.warn(f"{', '.join(names)}: {text}", DataQualityWarning, stacklevel=2)
+    found = Comparison(data, chosen, models, predicted, evidence, skipped, failed)
+    if prepared is None:
         return found
-    inputs = found.inputs
-    unnamed = () if inputs.keys() & ROLES else tuple(data.unnamed_references())
+    inputs, diagnosis = found.inputs, None
     with suppress(InputError):  # the data are too short
-        found = attrs.evolve(found, diagnosis=data.diagnose(inputs.get("reference")))
-    return attrs.evolve(found, unnamed_references=unnamed)
+        diagnosis = prepared.diagnose(inputs.get("reference"))
+    unnamed = () if inputs.keys() & ROLES else prepared.unnamed_references()
+    return attrs.evolve(found, diagnosis=diagnosis, unnamed_references=tuple(unnamed))
 
 
-def _usual(models: Mapping[str, Model]) -> Iterator[tuple[str, Method]]:
+def _usual(models: Mapping[str, Model]) -> Iterator[str]:
     """Yield ``adaptive`` and, when ``models`` has its model, the methods that check it."""
-    yield "adaptive", parse("adaptive")
-    found = models.get("adaptive")
-    checks = ["cascade"] if found is None else ["sds"]
-    if found is not None and "reflex_gain" in found.estimates:
-        checks = ["cascade", "sdss"]
-    for key in checks:
-        yield key, parse(key)
+    yield "adaptive"
+    if "adaptive" not in models:
+        yield "cascade"
+    elif "reflex_gain" in models["adaptive"].estimates:
+        yield from ("cascade", "sdss")
+    else:
+        yield "sds"

@@ -2,30 +2,114 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
 
 from tvsysid import preprocess
-from tvsysid.comparison.identify import compare
-from tvsysid.comparison.prepared import Correction, PreparedRecording
+from tvsysid.comparison.comparison import Comparison
 from tvsysid.errors import InputError, without_quality_warnings
+from tvsysid.methods import AdaptiveRegression
 from tvsysid.methods.cascade.reflex_test import prediction_p_value
 from tvsysid.metrics import vaf
-from tvsysid.quality import diagnose, diagnose_recording
+from tvsysid.numerics.threads import single_thread
+from tvsysid.quality import Diagnosis, Finding, diagnose
 from tvsysid.quality.checks import judge
-from tvsysid.recordings import read_recording
-from tvsysid.recordings.reading import split_settings
+from tvsysid.recommendation import find_unnamed_references
+from tvsysid.recordings import describe_file, read_recording
+from tvsysid.recordings.reading import Reading, split_settings
 from tvsysid.recordings.saved import saved_settings
 from tvsysid.signals import Ensemble, Recording
 
 SIGNIFICANCE = 0.05  # p-value below which one candidate predicts better than another
 MIN_REALIZATIONS = 2  # to predict one by the others
-PIECE_S = 2.0  # duration of the pieces in which a record without a period is diagnosed
+PIECE_S = 2.0  # duration of the pieces in which a single realization is diagnosed
+MAX_TESTED_CHANNELS = 8
+
+
+class Correction(NamedTuple):
+    """A fault of a recording, and what was done about it."""
+
+    fault: Finding
+    action: str
+
+    def __str__(self) -> str:
+        """Return the correction as a sentence, with numbers."""
+        return f"{self.fault.what.partition(';')[0]}; {self.action}"
+
+
+@attrs.frozen(eq=False, repr=False)
+class PreparedRecording:
+    """A recording that was corrected and cut into realizations: see :func:`tvsysid.prepare`.
+
+    Parameters
+    ----------
+    recording
+        Recording as it was read.
+    ensemble
+        Realizations without their mean; a single one keeps its mean.
+    corrections
+        Faults that were found and corrected; of a delay, all of it, half or none.
+    file, reading
+        File, and how it was read. ``file`` is None for a recording that was not read here.
+    """
+
+    recording: Recording
+    ensemble: Ensemble
+    corrections: tuple[Correction, ...]
+    file: Path | None
+    reading: Reading
+
+    @property
+    def notes(self) -> list[str]:
+        """The corrections as sentences, with numbers."""
+        return [*map(str, self.corrections)]
+
+    def __repr__(self) -> str:
+        return "\n".join([repr(self.ensemble), *self.notes])
+
+    def center(self, channels: Iterable[str]) -> PreparedRecording:
+        """Subtract the mean of these channels, if that of angle and torque is subtracted."""
+        if not self.ensemble.mean_subtracted:
+            return self
+        names = self.recording.channels.keys() & set(channels)
+        centered = preprocess.subtract_mean(self.ensemble, names).channels
+        return attrs.evolve(self, ensemble=attrs.evolve(self.ensemble, channels=centered))
+
+    def diagnose(self, reference: str | None = None) -> Diagnosis:
+        """Diagnose the data as they are identified: see :func:`tvsysid.diagnose`.
+
+        Gaps and mains hum are checked in the record. They are left out if they were corrected.
+        """
+        data = to_diagnose(self.ensemble, [reference] if reference else [])
+        repeats = self.ensemble.mean_subtracted
+        found = diagnose(data, reference, repeats=repeats, recording=self.recording)
+        mended = {fault.name for fault, _ in self.corrections} - {"delay"}
+        checks = tuple(each for each in found.checks if each.name not in mended)
+        return attrs.evolve(found, checks=checks)
+
+    def unnamed_references(self) -> Iterator[str]:
+        """Yield a sentence for each channel of the file that drives the angle but was not read."""
+        if self.file is None:
+            return
+        channels, read = describe_file(self.file), self.reading.names
+        shape, ensemble = channels[read["angle"]].shape, self.ensemble
+        alike = [name for name, each in channels.items() if each.shape == shape]
+        others = [name for name in alike if name not in read.values()]
+        context = ensemble.context / ensemble.sampling_rate
+        for name in others[:MAX_TESTED_CHANNELS]:
+            with suppress(InputError):  # the channel holds no numbers
+                values = channels[name].read(name).ravel(order="F")
+                recording = attrs.evolve(self.recording, channels={name: values})
+                cut = preprocess.segment(recording, ensemble.duration, context)
+                for sentence in find_unnamed_references(
+                    preprocess.subtract_mean(cut, [name]), [name]
+                ):
+                    yield sentence.replace("--method", f"--channel {name}={name} --method")
 
 
 def prepare(
@@ -63,54 +147,32 @@ def prepare(
     file = None if isinstance(source, Recording) else Path(source)
     reading, cutting = split_settings((saved_settings(file) if file else {}) | settings)
     recording = source if isinstance(source, Recording) else read_recording(source, reading)
-    period, context, rate = cutting.period, cutting.context, cutting.decimate
-    checks = diagnose_recording(recording)
+    period, rate = cutting.period, cutting.decimate
     gaps = preprocess.find_gaps(recording) if period else ()
 
-    def decimated(recording: Recording) -> Recording:
-        return preprocess.decimate(recording, rate, sharp=period is None) if rate else recording
-
-    def cut(recording: Recording) -> Ensemble:
-        ensemble = preprocess.segment(decimated(recording), period, context, gaps)
+    def cut(recording: Recording, gaps: Iterable[preprocess.Gap] = gaps) -> Ensemble:
+        if rate:
+            recording = preprocess.decimate(recording, rate, sharp=period is None)
+        ensemble = preprocess.segment(recording, period, cutting.context, gaps)
         return preprocess.subtract_mean(ensemble) if len(ensemble) > 1 or period else ensemble
 
-    def cut_to_diagnose(recording: Recording) -> Ensemble:
-        ensemble = cut(recording)
-        if not ensemble.mean_subtracted:
-            with suppress(InputError):  # the record is too short for two pieces
-                pieces = preprocess.segment(decimated(recording), PIECE_S, context)
-                return preprocess.subtract_mean(pieces)
-        return ensemble
-
-    corrected, corrections = correct(recording, cut, cut_to_diagnose, align_channels)
+    corrected, corrections = correct(recording, cut, align_channels)
     ensemble = cut(corrected)
     if gaps:
-        every = preprocess.segment(decimated(corrected), period, context)
-        action = f"realizations with gaps were left out ({len(every) - len(ensemble)})"
-        corrections.append(Correction(checks["gaps"], action))
-    for fault, _ in corrections:
-        checks.pop(fault.name, None)
-    return PreparedRecording(
-        recording,
-        ensemble,
-        cut_to_diagnose(corrected),
-        tuple(checks.values()),
-        tuple(corrections),
-        file,
-        reading,
-    )
+        lost = len(cut(corrected, gaps=())) - len(ensemble)
+        action = f"realizations with gaps were left out ({lost})"
+        corrections.append(Correction(judge("gaps", recording), action))
+    return PreparedRecording(recording, ensemble, tuple(corrections), file, reading)
 
 
 def correct(
     recording: Recording,
     cut: Callable[[Recording], Ensemble],
-    cut_to_diagnose: Callable[[Recording], Ensemble] | None = None,
     align_channels: bool = True,
 ) -> tuple[Recording, list[Correction]]:
     """Subtract mains hum, and correct a delay between angle and torque, where they are found.
 
-    ``cut`` returns the realizations to identify, ``cut_to_diagnose`` those to diagnose if they
-    are others.
+    ``cut`` returns the realizations to identify.
     """
     corrections = []
     hum = judge("mains", recording)
@@ -118,7 +180,7 @@ def correct(
         recording = preprocess.remove_mains(recording, preprocess.find_mains(recording)[0])
         corrections.append(Correction(hum, "mains hum was subtracted from all channels"))
     with suppress(InputError):  # realizations are too few, or too short
-        found = diagnose((cut_to_diagnose or cut)(recording)).findings if align_channels else ()
+        found = diagnose(to_diagnose(cut(recording))).findings if align_channels else ()
         delays = [each for each in found if each.name == "delay"]
         if delays and not {each.fault.severity for each in found} & {"invalid", "closed loop"}:
             delay, action = delay_to_correct(recording, cut, delays[0].value / 1000)
@@ -144,8 +206,13 @@ def delay_to_correct(
     count = min(map(len, ensembles))
     if count < MIN_REALIZATIONS:
         return delay, "all of it is corrected"
-    with without_quality_warnings():
-        found = compare(ensembles[0], ["adaptive"])  # its model is the start for all of them
+    with single_thread(), without_quality_warnings():
+        adaptive = AdaptiveRegression()
+        # The model of the first is where the fits to all of them start.
+        model = adaptive.identify(ensembles[0])
+        found = Comparison(
+            ensembles[0], {"adaptive": adaptive}, {"adaptive": model}, {}, {}, {}, {}
+        )
         predicted = [attrs.evolve(found, ensemble=each).predict_held_out(2) for each in ensembles]
     errors = 100 - np.array([vaf(*each["adaptive"])[:count] for each in predicted])
     best = int(np.argmin(errors.mean(axis=1)))
@@ -154,3 +221,19 @@ def delay_to_correct(
     amount = f"half of it ({1000 * abs(delays[best]):.3g} ms)" if best else "none of it"
     reason = "adaptive then predicts held-out realizations better than with all of it corrected"
     return float(delays[best]), f"{amount} is corrected: {reason}"
+
+
+def to_diagnose(ensemble: Ensemble, channels: Iterable[str] = ()) -> Ensemble:
+    """Return an ensemble whose mean is subtracted; a single realization is cut into pieces first.
+
+    The mean of these ``channels`` of the pieces is subtracted, too.
+    """
+    if ensemble.mean_subtracted:
+        return ensemble
+    context = ensemble.context / ensemble.sampling_rate
+    record = Recording(
+        **ensemble.mapped(lambda values: values[0]),
+        sampling_rate=ensemble.sampling_rate,
+        start=ensemble.onsets[0] - context,
+    )
+    return preprocess.subtract_mean(preprocess.segment(record, PIECE_S, context), channels)

@@ -296,12 +296,12 @@ def _invalidating_fault(model: Model, faults: Iterable[Finding]) -> list[str]:
     the torque is another signal.
     """
     invalid = _of_severity(faults, "invalid")
-    if [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]:
-        is_degrees = math.degrees(invalid[0].value) > MIN_STIFFNESS
-        invalid = invalid[1:] if is_degrees else invalid
+    units = [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]
+    if units and math.degrees(invalid[0].value) > MIN_STIFFNESS:
+        del invalid[0]
     if not invalid and (mean := mean_of(model.stiffness)) < 0:
         what = f"the mean stiffness is {mean:.3g} N·m/rad"
-        return [_reason(Finding("reversed-torque", mean, what))]
+        invalid = [Finding("reversed-torque", mean, what)]
     return [_reason(each) for each in invalid[:1]]
 
 

@@ -25,7 +25,7 @@ from tvsysid.validators import one_of, positive
 Stiffness = Literal["dc", "fit"]
 
 MIN_REALIZATIONS = 10  # below which averaged spectra say little
-MIN_REALIZATIONS_AT_REST = 2  # independent ones, below which nothing of the noise at 0 Hz is left
+MIN_REALIZATIONS_AT_REST = 2  # independent ones, to estimate the noise at 0 Hz
 MAX_LEAKAGE = 0.1  # share of stiffness by which the response at 0 Hz may be lower; 0.07 on an ankle
 # share of the strongest frequency's input power from which on a frequency counts as excited
 EXCITED = 1e-6
@@ -47,11 +47,11 @@ class EnsembleSpectral(shared.ReferenceMethod):
     window
         Duration of a segment in s, over which the joint is taken as constant.
     stiffness
-        ``"dc"``: real part at 0 Hz, as in the paper. Leakage of the inertia's part from the
-        neighbouring frequencies biases it by some -2 to -3 N·m/rad on an ankle, which no band of
-        the random error covers; by half near a lightly damped resonance, which a warning says.
-        ``"fit"``: from the second-order fit that viscosity and inertia always come from; it has no
-        such bias, and 40 % (filtered noise) to 75 % (PRBS) of the random error.
+        ``"dc"``: real part at 0 Hz, as in the paper. Inertia leaks into it from the neighbouring
+        frequencies. The bias is -2 to -3 N·m/rad on an ankle, and half of the stiffness near a
+        lightly damped resonance, where there is a warning. Bands do not cover it. ``"fit"``: from
+        the second-order fit that always gives viscosity and inertia. It has no such bias, and a
+        smaller random error: 40 % (filtered noise) to 75 % (PRBS) of that of ``"dc"``.
     reference
         Channel that moves the joint from outside, for a joint in closed loop, as of
         :class:`ShortDataSegments`. Stiffness must then be ``"fit"``.
@@ -61,15 +61,15 @@ class EnsembleSpectral(shared.ReferenceMethod):
     An even number of samples N is taken from t - N/2 to t + N/2 - 1. The Hann window peaks at t and
     vanishes at its first sample, so that the estimate is centred on t.
 
-    The second-order fit does not start from H, from which the window takes inertia and viscosity
-    (fitted to H, they come out 0.017 to 0.018 kg·m² and 1.8 to 1.9 N·m·s/rad where 0.02 and 2.2 are
-    true). It takes the cross-spectra of the same segments with the velocity and the acceleration,
-    which are differentiated before they are windowed (``SegmentFit``). The diagnostics'
+    The second-order fit does not use H, in which the window lowers inertia and viscosity (to 0.017
+    or 0.018 kg·m² and 1.8 or 1.9 N·m·s/rad where 0.02 and 2.2 are true). It uses the cross-spectra
+    of the same segments with the velocity and the acceleration, which are differentiated before
+    they are windowed (``SegmentFit``). The diagnostics'
     ``second_order_agreement`` says how much of the torque that depends linearly on the angle the
     fit explains. Where the derivatives lack samples (12 to either side), segments are cut short.
 
-    The bands of the fit count the noise's colour within a segment; that of 0 Hz rests on the
-    realizations alone, and needs no assumption on colour or strength. They do not count what the
+    The bands of the fit count the noise's colour within a segment. The band of 0 Hz comes from the
+    scatter over realizations, for noise of any colour or strength. Bands do not count what the
     window smooths.
     """
 

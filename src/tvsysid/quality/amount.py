@@ -18,8 +18,8 @@ from tvsysid.quality.statistics import TINY
 
 MAX_RELATIVE_ERROR = 9.99  # shown
 NOISE_BAND = 0.25  # of the sampling rate: above, a joint hardly moves, but sensors have noise
-MIN_CHANCE = 1e-6  # share of a mean's RMS that chance leaves at least
-DIGITS = 9  # after the point, in standard deviations, in which copies agree
+MIN_CHANCE = 1e-6  # least RMS expected by chance, as a share of the mean's RMS
+DIGITS = 9  # decimals in which copies agree, in standard deviations
 
 
 @check(
@@ -85,7 +85,7 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
 @check(
     "same-perturbation",
     "The same perturbation in every realization",
-    "share of the angle's variance that is common to all realizations, or white as sensor noise is",
+    "share of noise in the angle's deviations from its mean over realizations",
     30,
     "%",
     "minor",
@@ -94,7 +94,7 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
     remedy="draw a new random perturbation for every realization; these data cannot be repaired",
 )
 def same_perturbation(data: FittedEnsemble) -> Measured:
-    """Return the share of noise in what differs of the angle, where no torque responds to it."""
+    """Return the share of noise in the angle's deviations, 0 if the torque responds to them."""
     edge = NOISE_BAND * data.rate
     white = 100 * power_share(data.core("angle"), data.rate, edge)
     return Measured(

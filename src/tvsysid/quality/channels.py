@@ -135,7 +135,7 @@ def sampling_rate(data: FittedEnsemble) -> Measured:
     inertia = abs(inertia)
     octaves = math.log2(frequency / MIDDLE_FREQUENCY_HZ)
     if inertia > MAX_INERTIA and not FAULTS["torque-unit"].beyond(stiffness):
-        # No frequency is too low for a heavy limb, but no joint moves one that is so heavy.
+        # The frequency of a heavy limb may be low, but no limb is as heavy as this one.
         slow = math.log2(MIN_FREQUENCY_HZ / MIDDLE_FREQUENCY_HZ * MAX_INERTIA / inertia)
         octaves = min(octaves, slow)
     what = (

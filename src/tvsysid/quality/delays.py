@@ -22,9 +22,9 @@ from tvsysid.signals import Array
 MAX_DELAY_S = 0.1
 FINE_SHIFTS = np.linspace(-1, 1, 9)  # samples beside the best whole one
 STEPS = 3  # of Gauss-Newton
-PARTS = 10  # of a realization, over which a delay must not scatter more than over realizations
-MAX_LAST_STEP = 0.015  # share of a delay; what noise or a misfit looks like does not settle
-MIN_LOOP_SHARE = 0.3  # % of the torque that later movement predicts in a loop, after a shift
+PARTS = 10  # of a realization, from whose scatter the error of a delay is estimated, too
+MAX_LAST_STEP = 0.015  # share of a delay; a misfit that looks like a delay leaves more
+MIN_LOOP_SHARE = 0.3  # % of the shifted torque that later movement predicts in a closed loop
 MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angle hides inertia
 
 
@@ -43,7 +43,7 @@ MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angl
     "or none of it if that predicts better",
 )
 def delay(data: FittedEnsemble) -> Measured:
-    r"""Return the delay of the torque with which a second-order joint leaves least of it.
+    r"""Return the delay of the torque at which a second-order joint explains most of it.
 
     A delay by d adds the jerk to the regressors: :math:`y(t - d) \approx k\theta + (b - k
     d)\dot\theta + (I - b d + k d^2/2)\ddot\theta - I d\,\dddot\theta`. No stiffness, viscosity or
@@ -110,7 +110,7 @@ def _shifted(data: FittedEnsemble, samples: float) -> SecondOrderFit:
 
 
 def _delay_in_samples(data: FittedEnsemble) -> float:
-    """Return the delay of the torque with which the fit leaves least of it, up to the context."""
+    """Return the delay at which the fit explains most of the torque, at most the context."""
     reach = min(round(MAX_DELAY_S * data.rate), data.ensemble.context)
     if reach < 2:
         raise NotApplicable("the realizations have no context to shift them by")

@@ -26,20 +26,22 @@ from tvsysid.signals import Array, Ensemble
 # smallest relative differences of the stiffness and of the whole response.
 MAX_DISTANCE, MIN_NOISE_RATIO, MIN_CHANGE, MIN_RESPONSE_CHANGE = 6.0, 2.5, 0.3, 0.2
 ROBUST = 1.4826  # standard deviations of Gaussian numbers per median absolute deviation
-PARTS = 10  # of a realization that must show the same difference; neighbours share too much
+PARTS = 10  # of a realization; only parts that are not neighbours have independent noise
 NOISE_LOW_PASS_SAMPLES = 1.5  # after which realizations are compared
-SHIFT_STEP, MIN_STEPS = 2, 3  # of a shift, in samples and in steps
+SHIFT_STEP, MIN_STEPS = 2, 3  # step of shifts in samples, and least shift in steps
 SHIFT_LOW_PASS_SAMPLES = 2.5
 # Shares of the residual's power that the right shift may leave, and after a low-pass.
 MAX_LEFT = np.array([[0.8], [0.5]])
 MIN_REPEAT = 0.7  # correlation of the stiffness in odd and even realizations
 # Cycles per realization that may be another period; the clock of a PRBS is faster.
 MIN_CYCLES, MAX_CYCLES = 0.3, 3.3
-RESOLUTION = 0.25  # step in frequency, in one over the record's length
-# Distance from a harmonic, likewise, within which a line is no other period; the second of a
-# movement that drifts.
+RESOLUTION = 0.25  # step in frequency, times the record's length
+# Distance from a harmonic, times the record's length, within which a line is no other period. The
+# second is for a movement that drifts.
 MIN_DISTANCE, MIN_DISTANCE_DRIFTING = 0.2, 4.0
-HARMONIC_TOLERANCE = 0.1  # the same as a share of the harmonic's number, for the name of the period
+HARMONIC_TOLERANCE = (
+    0.1  # share of a harmonic's number within which a period near the given one is named
+)
 BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a beat, no movement
 
 
@@ -111,7 +113,7 @@ def offset(data: FittedEnsemble, which: str) -> Measured:
 
 
 def _drift_of_offset(data: FittedEnsemble, which: str) -> tuple[Array, float]:
-    """Return a line through the means of the realizations as recorded, and its rise's error."""
+    """Return a line through the means in the order of recording, and the error of its rise."""
     means = data.core(which).mean(axis=1)[data.order]
     place = np.linspace(-0.5, 0.5, len(data))
     power = place @ place
@@ -187,15 +189,12 @@ def _is_outlying(values: Array, least: float, errors: Array | float = 0.0) -> ND
 def scattered_realizations(data: FittedEnsemble) -> Measured:
     """Test whether stiffness differs between realizations by more than noise and drift.
 
-    How far a realization's stiffness is from that of all is estimated in each tenth of its time.
-    Noise differs from part to part. A realization of another movement differs in all parts, by
-    the pattern in time of others that differ. So the products of two parts that are no neighbours,
-    weighted by the pattern of other realizations, are on average the variance that is sought. The
-    noise need not be known. The test is by their scatter over realizations. It holds for any number
-    of realizations that differ, where a median breaks down at half of them.
-
-    Outliers are left out. With a wrong period, each realization holds
-    another part of the movement anyway.
+    The deviation of each realization's stiffness from the mean is estimated in ten parts of time. A
+    realization of another movement deviates in all parts, in a pattern that such realizations
+    share. Noise of parts that are not neighbours is independent. So the mean product of two such
+    parts, weighted by the pattern of the other realizations, is the variance beyond noise. It is
+    tested by its scatter over realizations. This holds for any number of realizations that differ,
+    where a median breaks down at half of them. Outliers are left out.
     """
     if data.finding("wrong-period").found:
         raise NotApplicable("the period is wrong")
@@ -303,8 +302,8 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     """Find stiffness that varies with a period of which no whole number fits a realization.
 
     The residual is projected on the torque of stiffness at each sample. A line in that series
-    between harmonics of the period is a movement of another period. The series has no part at
-    the harmonics only if it is that of the fitted signals. So stiffness and viscosity are fitted
+    between harmonics of the period is a movement of another period. Only the residual of the
+    signals that were fitted has no power at the harmonics. So stiffness and viscosity are fitted
     again to the whitened signals. The test compares the power of a line with that of realizations
     of random phase. Near the harmonics of a movement that drifts, no line is looked for.
     """

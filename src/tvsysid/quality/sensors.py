@@ -16,7 +16,7 @@ from tvsysid.signals import Array, Recording
 
 MIN_TIED_REALIZATIONS = 3  # at a limit at the same time
 TIE_TOLERANCE = 1e-3  # of a standard deviation
-# Of times with values tied in the middle: relative to those tied at the limits, and by chance.
+# Largest share of times with values tied in the middle: relative to the limits, and by chance.
 MAX_REPEATED_SHARE, CHANCE = 0.5, 0.01
 MIN_MIDDLE_SHARE = 0.2  # of samples within half an RMS; Gaussian numbers have 0.38
 WINDOW_SAMPLES = 20  # in which losses are looked for
@@ -25,10 +25,10 @@ LOUD_RATIO = 4.0  # to the usual power of the residual
 # Quantiles over which spikes are measured. A PRBS surprises at every switch, noise never.
 USUAL_SURPRISE, USUAL_RESIDUAL = 0.99, 0.9
 SPIKE_SAMPLES, SPREAD_SAMPLES = 7, 13  # widths of a median filter, and of a spike's derivatives
-# Distance from the median beside it, over the usual, of a spike, and of one that is no loss.
+# Distance from the median beside it, over the usual: of a spike, and of one that looks like a loss.
 MIN_ALONE, MIN_FAR = 1.2, 2.0
 MIN_DISTURBANCE = 4.5  # residual beside a spike in the angle, over the usual
-SCATTER = 2.0  # of the residual's level at one time by chance, over the usual level
+SCATTER = 2.0  # level of the residual at one time that is due to chance, over the usual level
 EXCLUDE = "exclude the realizations concerned"
 INTERPOLATE = "interpolate the samples or exclude the realizations; check the cables"
 

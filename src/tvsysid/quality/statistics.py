@@ -63,7 +63,7 @@ def gains(target: Array, regressors: Array) -> Array:
 def gained_share(target: Array, regressors: Array, known: Array | None = None) -> float:
     """Return the share of a signal that regressors predict in held-out realizations.
 
-    With ``known`` regressors, it is that of what these leave of both.
+    With ``known`` regressors, both are first adjusted for these.
     """
     if known is not None:
         target = without(target, known)

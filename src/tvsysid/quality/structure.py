@@ -22,10 +22,10 @@ from tvsysid.signals import Array
 
 # Samples at some 100 Hz by which movement is later or earlier.
 FEEDBACK_LAGS, LATE_LAGS = 1 + np.arange(3, 28, 3), np.arange(4, 29, 3)
-# Of a channel that may have been applied: how far ahead it predicts the angle, as derivatives'
-# filters know nearer samples of an imposed one, and how much of the past of both counts.
+# Samples by which a channel that was applied must predict the angle (filters of derivatives know
+# nearer samples of an imposed one), and numbers of past samples of angle and channel.
 AHEAD, ANGLE_PAST, CAUSE_PAST = 3, 20, 15
-# Shares of unpredicted movement: of the angle by the channel at least, and the reverse at most.
+# Least share of the angle that the channel's past predicts, and largest share of the reverse.
 MIN_LEAD, MAX_FOLLOW = 0.04, 0.02
 TORQUE_LAGS = 6  # samples of the torque to either side that may explain a channel
 TOO_SHORT = "realizations and their context are too short"
@@ -46,9 +46,9 @@ TOO_SHORT = "realizations and their context are too short"
 def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Measured:
     """Return by how much stiffness changes with the angle that the reference predicts.
 
-    It is one step from the open-loop fit to one whose residual has no part in what the reference
-    moves. A channel that was not declared must move the angle, and lower the stiffness: EMG that
-    makes the torque's noise gives a stiffness that is lower still, which is the load's.
+    It is one step from the open-loop fit to one whose residual is not correlated with the predicted
+    angle. A channel that was not declared must move the angle, and give a higher stiffness than the
+    open loop: EMG that makes the torque's noise gives the stiffness of the load, which is lower.
     """
     data.require()
     if not declared:
@@ -61,13 +61,13 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
         )
     fit, first = data.fit, data.region.start - HALF_WIDTH
     instrument = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
-    # All times count alike. The angle moves farther where the joint is soft, and a sum of squares
-    # dwells there.
+    # All times have the same weight. In a sum of squares, those at which the joint is soft would
+    # dominate, because the angle moves farther.
     power = np.mean(instrument[0] ** 2, axis=0)
     power = (np.bincount(fit.bins, power) / np.bincount(fit.bins))[fit.bins]
     inverse = np.linalg.pinv(np.einsum("art,brt->ab", instrument / power, fit.motion))
-    # Change of stiffness by each realization. The residual has no part in the whole movement, so
-    # its products with that, which are noise, are left out.
+    # Change of stiffness by each realization. The residual is not correlated with the measured
+    # movement: their products are noise, and are left out.
     change = (instrument - fit.motion) / power
     missing = np.einsum("a,art,rt->r", inverse[0], change, fit.residual)
     open_loop = fit.impedance[0].mean()
@@ -99,8 +99,8 @@ def _moved_angle(data: FittedEnsemble, reference: str) -> tuple[Array, float]:
 def _require_leading(data: FittedEnsemble, channel: str) -> None:
     """Raise NotApplicable for a channel that does not move the angle.
 
-    EMG and further sensors of the angle follow it or hardly lead it. A sensor of the torque is the
-    torque and noise, a command is the torque and a load.
+    EMG and further sensors of the angle follow it or hardly lead it. A sensor of the torque gives
+    the torque and noise. A command gives the torque of joint and load.
     """
     values, reach = data.signal(channel), TORQUE_LAGS
     ends = reach, values.shape[1] - reach
@@ -142,9 +142,9 @@ def _predicted(signal: Array, cause: Array) -> float:
 def feedback(data: FittedEnsemble) -> Measured:
     """Return the share of the torque that later movement predicts (Sims, 1972).
 
-    Earlier movement and the joint's response are taken into account first. The future of an
-    imposed angle says nothing about the torque's noise, that of an angle which it moves does. A
-    reflex is late. All signals are whitened, and the test is by held-out realizations.
+    Earlier movement and the joint's response are taken into account first. Later movement predicts
+    the torque's noise only if noise moves the angle. A reflex comes after the movement, and is no
+    feedback. All signals are whitened, and the test is by held-out realizations.
     """
     data.require()
     fit = data.fit

@@ -55,9 +55,8 @@ def write_simulation(
 ) -> None:
     """Write signals of one length to a MAT file, or to a CSV or TSV file with a header line.
 
-    Columns are signals by name, each of shape (time,), in a MAT file (time, trial) as well,
-    which also keeps the ``sampling_rate``. An InputError is raised for a path with another
-    ending.
+    Columns are signals by name, of shape (time,). A MAT file also takes (time, trial), and keeps
+    the ``sampling_rate``. An InputError is raised for a path with another ending.
     """
     file = checked(path, ".mat", ".csv", ".tsv")
     if file.suffix.lower() == ".mat":

@@ -82,7 +82,7 @@ def _draw_spectra(axes: Axes, frequency: Array, powers: Mapping[str, Array]) -> 
     axes.set_xlim(frequency[1], HIGHEST)
     style.log_ticks(axes.xaxis)
     axes.yaxis.set_major_formatter("{x:.0e}")
-    axes.yaxis.set_minor_formatter("")
+    axes.yaxis.minorticks_off()
 
 
 def _draw_coherence(axes: Axes, curves: Curves) -> None:

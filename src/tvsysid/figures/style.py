@@ -209,4 +209,4 @@ def log_ticks(axis: Axis) -> None:
     """Put plain numbers at 1, 2 and 5 times the powers of ten of a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter("")
+    axis.minorticks_off()

@@ -254,6 +254,8 @@ class FittedEnsemble:
 
     def changed(self, **signals: Any) -> FittedEnsemble:
         """Return the ensemble with other signals."""
+        if not signals:
+            return self  # with all that is already fitted to it
         return FittedEnsemble(self.given, attrs.evolve(self.ensemble, **signals))
 
     def advance(self, samples: float) -> FittedEnsemble:

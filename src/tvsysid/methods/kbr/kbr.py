@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, Literal
 
 import attrs
@@ -344,7 +345,14 @@ def times_of(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
 
 def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
     """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3)."""
-    return kernel.combined(*times_of(ensemble, kernel), coefficients.reshape(3, -1))
+    return kernel.combined(*features_over(ensemble, kernel), coefficients.reshape(3, -1))
+
+
+@lru_cache(maxsize=1)  # a fit and its prediction ask for the same ones
+def features_over(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
+    """Return the periodic and the slow features at :func:`times_of`."""
+    phases, clocks = times_of(ensemble, kernel)
+    return kernel.periodic_features(phases), kernel.slow_features(clocks)
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

@@ -122,12 +122,15 @@ class Kernel:
         periodic = self.periodic_features(phase)[..., self.wave]
         return np.asarray(periodic * self.slow_features(clock)[..., self.slow])
 
-    def combined(self, phase: Array, clock: Array, coefficients: Array) -> Array:
-        """Return values (*time, quantity) from ``coefficients`` (quantity, column)."""
+    def combined(self, periodic: Array, slow: Array, coefficients: Array) -> Array:
+        """Return sums of features times ``coefficients`` (quantity, column), (*time, quantity).
+
+        ``periodic`` and ``slow`` are the features at each time.
+        """
         weights = np.zeros((2 * self.highest + 1, len(coefficients), self.functions))
         weights[self.wave, :, self.slow] = coefficients.T
-        of_slow = np.tensordot(self.periodic_features(phase), weights, 1)
-        return np.asarray(np.einsum("...qj,...j->...q", of_slow, self.slow_features(clock)))
+        of_slow = np.tensordot(periodic, weights, 1)
+        return np.asarray(np.einsum("...qj,...j->...q", of_slow, slow))
 
 
 def clocks_of(ensemble: Ensemble) -> Array:

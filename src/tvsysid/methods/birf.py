@@ -67,9 +67,9 @@ class BasisIRF(shared.ReferenceMethod):
         ``"ard"``: one precision for each coefficient (relevance vector machine); ``"ridge"``: one
         for all, the signals being scaled to unit RMS; ``"none"``: least squares.
     reference
-        Channel with the disturbance that was applied, for a joint in closed loop, whose angle the
-        noise of the torque moves too; of the parametric model. What it predicts of the angle is the
-        instrument (:mod:`tvsysid.methods.shared.instrument`).
+        Channel with the disturbance that was applied, for a joint in closed loop, where torque
+        noise also moves the angle. Only for the parametric model. The angle predicted from it is
+        the instrument (:mod:`tvsysid.methods.shared.instrument`).
 
     Notes
     -----
@@ -79,10 +79,9 @@ class BasisIRF(shared.ReferenceMethod):
     regressor, with a row for each sample of each realization, is never built.
 
     The bands are those of the posterior, which takes the noise as white, times a factor for its
-    colour (:func:`tvsysid.numerics.noise.colour_factors`; for ``"irf"``, too, that of the
-    parametric model). They take noise and angle as equally strong at all times. They do not count
-    changes that the basis cannot follow. Where ``"ard"`` prunes a coefficient, they count it as
-    known to be zero.
+    colour (:func:`tvsysid.numerics.noise.colour_factors`). For ``"irf"``, it is the factor of the
+    parametric model. Noise and angle are taken as equally strong at all times. The bands do not
+    count changes that the basis cannot follow. They take coefficients that ``"ard"`` prunes as 0.
 
     Viscosity and inertia of ``"irf"`` are those of a second-order fit to the impulse response,
     weighted by the angle's mean correlations. The diagnostics' ``second_order_agreement`` says
@@ -112,9 +111,7 @@ class BasisIRF(shared.ReferenceMethod):
 
     def __attrs_post_init__(self) -> None:
         if self.reference is not None and self.model != "parametric":
-            raise InputError(
-                "BasisIRF: with a reference, model must be 'parametric', of which the fit is known"
-            )
+            raise InputError("BasisIRF: with a reference, model must be 'parametric'")
 
     def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> Model:
         rate = ensemble.sampling_rate
@@ -202,9 +199,9 @@ class BasisIRF(shared.ReferenceMethod):
     def _posterior(
         self, signals: Signals, columns: Columns, ensemble: Ensemble, share: float = 1.0
     ) -> FittedWeights:
-        """Return the posterior. Samples count only as a ``share`` of independent ones.
+        """Return the posterior if a ``share`` of the samples is independent.
 
-        Signals of unit RMS have the prior.
+        The prior is that of coefficients of signals scaled to unit RMS.
         """
         scale = 1 / signals.rms[columns.signal]
         units = np.outer(scale, scale)
@@ -222,7 +219,7 @@ class BasisIRF(shared.ReferenceMethod):
         left: Array,
         instrument: Ensemble,
     ) -> dict[str, StandardError]:
-        """Return the standard errors from the posterior and the colour of what is ``left``."""
+        """Return the standard errors from the posterior and the colour of the residual ``left``."""
         effective = posterior.effective
         filters = derivative_filters(HALF_WIDTH, instrument.sampling_rate)
         _, factors = shared.noise_colour(instrument, left, effective / left.size, filters)

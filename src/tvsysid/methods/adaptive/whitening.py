@@ -9,7 +9,7 @@ from scipy.ndimage import convolve1d
 from tvsysid.numerics import Array
 
 MISFIT_TIME = 0.05  # s over which misfit is correlated, and the strength of the noise is pooled
-POOLED_TIME = 0.5  # s; divided by independent realizations less one: least reach of the pooling
+POOLED_TIME = 0.5  # s, over independent realizations less one: least reach of the pooling
 MAX_PREDICTION = 0.25  # s before a sample from which its noise is predicted
 
 

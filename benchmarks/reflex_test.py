@@ -25,8 +25,8 @@ from rich.table import Table
 from scipy.signal import butter, lfilter
 
 import tvsysid as tv
-from tvsysid.methods.cascade.reflex_test import reflex_test_of
-from tvsysid.methods.cascade.search import separated
+from tvsysid.methods.cascade.reflex_test import HARMONICS, reflex_test_of
+from tvsysid.methods.cascade.search import one_path_stiffness
 from tvsysid.quality.fit import at_diagnosis_rate
 
 RELEASE = tv.simulate.StretchReflex(direction=-1)
@@ -100,7 +100,7 @@ def main() -> None:
         shown = sum(test.shown and test.direction == case.direction for test in tests)
         chances = np.array([[test.over_none, test.over_linear] for test in tests])
         larger = chances.max(axis=1)
-        ratios = [np.divide(*separated(each).stiffness) for each in ensembles]
+        ratios = [np.divide(*stiffness_of(each)) for each in ensembles]
         table.add_row(
             case.title,
             str(shown),
@@ -145,6 +145,12 @@ def prepared(recording: tv.Recording) -> tv.Ensemble:
     )
 
 
+def stiffness_of(ensemble: tv.Ensemble) -> tuple[float, float]:
+    """Mean stiffness with the reflex's torque in it, and without."""
+    two_paths = np.nanmean(tv.JointCascade(HARMONICS).fit(ensemble).stiffness)
+    return one_path_stiffness(ensemble), float(two_paths)
+
+
 def print_real(console: Console, folder: Path) -> None:
     for muscle in ("plantarflexor", "dorsiflexor", "dorsiflexor_2"):
         names = {"angle": f"{muscle}_angle", "torque": f"{muscle}_torque"}
@@ -154,7 +160,7 @@ def print_real(console: Console, folder: Path) -> None:
         ensemble = at_diagnosis_rate(prepared(recording))
         test = reflex_test_of(ensemble)
         console.print(
-            f"{muscle}: {test}, stiffness {separated(ensemble).stiffness}",
+            f"{muscle}: {test}, stiffness {stiffness_of(ensemble)}",
             highlight=False,
         )
 

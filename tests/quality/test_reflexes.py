@@ -8,12 +8,13 @@ from tests.reflexive import reflexive
 
 import tvsysid as tv
 from tvsysid.methods.cascade.reflex_test import is_time_varying, reflex_test_of
-from tvsysid.methods.cascade.search import separated
+from tvsysid.methods.cascade.search import one_path_stiffness
 
 
 def judged(ensemble):
     ensemble = tv.preprocess.subtract_mean(ensemble)
-    return reflex_test_of(ensemble), separated(ensemble).stiffness
+    two_paths = np.nanmean(tv.JointCascade(8).fit(ensemble).stiffness)
+    return reflex_test_of(ensemble), (one_path_stiffness(ensemble), two_paths)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.base import fitting_lags, missing_edge, padded, whole_samples
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import TwoPathwayModel, rectified_velocities, velocity_of
+from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, TwoPathwayModel, velocity_of
 from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
 from tvsysid.models import Diagnostics, Estimate, StandardError
 from tvsysid.numerics.bases import chebyshev_of
@@ -260,7 +260,7 @@ def of_unit_slope(ensemble: Ensemble, weights: Array) -> tuple[VelocityPolynomia
     """
     limits = velocity_limits(ensemble)
     target = VelocityPolynomial(tuple(weights), limits)(ensemble).ravel()
-    columns = rectified_velocities(ensemble).reshape(2, -1).T
+    columns = np.stack([Stretch(0.0, each)(ensemble).ravel() for each in DIRECTIONS], axis=1)
     slopes = np.linalg.lstsq(columns - columns.mean(axis=0), target - target.mean(), rcond=None)[0]
     slope = float(max(slopes, key=abs))
     return VelocityPolynomial(tuple((weights / slope).tolist()), limits), slope

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from tvsysid.methods.cascade.search import separated
 from tvsysid.numerics.interpolation import SINC, advanced, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fit import (
@@ -62,8 +61,10 @@ def delay(data: FittedEnsemble) -> Measured:
     old, new = (each.mean_impedance[0] for each in (data.fit, aligned))
     if significant:
         if data.finding("reflex").found:
-            late = separated(data.ensemble).torque
-            others = _delay_in_samples(data.changed(torque=data.ensemble.torque - late))
+            torque = data.ensemble.torque.copy()
+            reflex = data.with_reflex.pathways(data.ensemble)["reflex"]
+            torque[:, data.ensemble.core] -= np.nan_to_num(reflex)
+            others = _delay_in_samples(data.changed(torque=torque))
             if not FAULTS["delay"].beyond(1000 * others / data.rate):
                 raise NotApplicable("what is late in the torque is that of a reflex")
         ratio = aligned.smooth_impedance[0][2] / new[2]

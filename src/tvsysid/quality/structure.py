@@ -6,7 +6,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
-from tvsysid.methods.cascade.search import separated
+from tvsysid.methods.cascade.search import one_path_stiffness
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import MIN_PREDICTED, lag_samples, predicted, realization_groups
 from tvsysid.quality.checks import Measured, NotApplicable, check
@@ -193,10 +193,9 @@ def reflex(data: FittedEnsemble) -> Measured:
         f"(p = {test.over_none:.1g}) and than a linear one (p = {test.over_linear:.1g})"
     )
     if test.shown:
-        one_path, two_paths = separated(data.ensemble).stiffness
         what += (
-            f"; the mean stiffness is {one_path:.3g} N·m/rad with the reflex's torque in it, "
-            f"{two_paths:.3g} without"
+            f"; the mean stiffness is {one_path_stiffness(data.ensemble):.3g} N·m/rad with the "
+            f"reflex's torque in it, {np.nanmean(data.with_reflex.stiffness):.3g} without"
         )
     return Measured(100 * max(0.0, test.share), what, test.shown)
 

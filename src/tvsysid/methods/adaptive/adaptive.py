@@ -15,9 +15,9 @@ from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches
 from tvsysid.methods.adaptive.regression import A, FreeRegression, Regressors, V
 from tvsysid.methods.adaptive.search import CurveModel
 from tvsysid.methods.adaptive.whitening import pooling_reach
-from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
+from tvsysid.methods.cascade.cascade import limit_warnings
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
-from tvsysid.methods.cascade.search import Selection
+from tvsysid.methods.cascade.search import Selection, fit_again, select
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.signals import Ensemble
@@ -168,8 +168,7 @@ class AdaptiveRegression(base.Method):
             return self.identify(ensemble)
         selection = None
         if model.reflex is not None:
-            search = JointCascade(emg=self.emg).search(ensemble)
-            selection = search.refit(model.reflex.hyperparameters)
+            selection = fit_again(ensemble, model.reflex.hyperparameters)
         return self._fit_in_turn(ensemble, selection, model.hypotheses)
 
     def _fit_in_turn(
@@ -211,7 +210,7 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
     try:
         if emg is None and not reflex_test_of(ensemble).shown:
             return None
-        selection = JointCascade(emg=emg).search(ensemble).select()
+        selection = select(ensemble, emg=emg)
     except InputError:  # realizations are too short
         return None
     return selection if selection.shown else None

@@ -91,8 +91,8 @@ class Regressors:
         """
         fit = selection.fit
         data = selection.fit.data
-        first, count = data.starts[2] + 1, data.intrinsic_count  # first: after the inertia
-        of_viscosity = np.arange(len(data.starts)) == 1
+        first, count = sum(data.sizes[:3]), data.intrinsic_count  # first: after the inertia
+        of_viscosity = np.arange(len(data.sizes)) == 1
         change = data.features(of_viscosity)[data.times]
         change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
         torque = data.torque - change @ fit.posterior.mean[:count] * data.signals[1]
@@ -102,7 +102,7 @@ class Regressors:
             edges=(data.times.start, ensemble.samples - data.times.stop),
             independent=len(data.torque) - 1,
             prior_precision=np.concatenate([[0.0, 0.0], fit.precision[first:]]),
-            reflex=model_of(repr(JointCascade(emg=selection.search.emg)), selection),
+            reflex=model_of(repr(JointCascade(emg=selection.drive.emg)), selection),
             change_covariance=change @ fit.covariance[:count, :count] @ change.T,
         )
 

@@ -11,13 +11,7 @@ import numpy as np
 from tvsysid.methods.base import whole_samples
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import (
-    DIRECTIONS,
-    MeasuredChannel,
-    Stretch,
-    TwoPathwayModel,
-    history,
-)
+from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, TwoPathwayModel, history
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.alternation import Lagged, Solver, alternate, solve_by_basis
@@ -80,7 +74,7 @@ class AlternatingCascade(TwoPathwayMethod):
         lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
         first = lags if self.begins_late and self.emg is None else 0
         drives = (
-            [MeasuredChannel(self.emg)] if self.emg else [Stretch(0.0, each) for each in DIRECTIONS]
+            [Stretch(emg=self.emg)] if self.emg else [Stretch(0.0, each) for each in DIRECTIONS]
         )
         known = ~np.isnan(history(ensemble, ensemble.angle, before)).any(axis=1)
         kept, core = ensemble.select(known), ensemble.core

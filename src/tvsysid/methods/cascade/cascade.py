@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 
 import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
-from tvsysid.methods.cascade.columns import muscle, unresolved
+from tvsysid.methods.cascade.columns import NEEDED_HISTORY_S, muscle, unresolved
 from tvsysid.methods.cascade.fit import (
     DELAY,
     HIGHEST,
@@ -21,24 +20,17 @@ from tvsysid.methods.cascade.fit import (
 )
 from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import TwoPathwayModel
-from tvsysid.methods.cascade.search import Hyperparameters, Search, Selection
+from tvsysid.methods.cascade.search import Hyperparameters, Selection, fit_again, select
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.stretch import FAST
 from tvsysid.signals import Array, Ensemble
-from tvsysid.validators import Validator, is_whole, optional, positive, text
+from tvsysid.validators import at_least, optional, positive, text
 
 MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
 ROUNDING = 1e-9  # share of the mean stiffness
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
-MAX_REFLEX_LAG_S = 0.45  # if the context is not longer
-
-
-_three_counts = Validator(
-    "three whole numbers of 0 or more: of stiffness, viscosity and reflex gain",
-    lambda value: len(value) == 3 and all(is_whole(each) and each >= 0 for each in value),
-)
 
 
 @attrs.frozen
@@ -59,9 +51,9 @@ class JointCascade(TwoPathwayMethod):
     Parameters
     ----------
     harmonics
-        Number of harmonics of stiffness, viscosity and reflex gain over a realization. Stiffness,
-        viscosity and gain change if the changes predict held-out realizations better (p < 0.05).
-        (0, 0, 0) takes them as constant.
+        Number of harmonics of stiffness and viscosity over a realization; the reflex gain has 0.4
+        times as many. All three change if the changes predict held-out realizations better
+        (p < 0.05). 0 takes them as constant.
     delay
         d in s. None is 40 ms, or 10 ms from EMG to torque. Below the lags of the intrinsic
         response, the reflex would explain the torque of inertia.
@@ -122,7 +114,7 @@ class JointCascade(TwoPathwayMethod):
     0.05
     """
 
-    harmonics: tuple[int, int, int] = attrs.field(default=(25, 25, 10), validator=_three_counts)
+    harmonics: int = attrs.field(default=25, validator=at_least(0))
     delay: float | None = attrs.field(default=None, validator=optional(positive))
     emg: str | None = attrs.field(default=None, validator=optional(text))
 
@@ -143,23 +135,19 @@ class JointCascade(TwoPathwayMethod):
     @property
     def time_invariant(self) -> bool:  # type: ignore[override]
         """Return whether the settings take the joint as constant."""
-        return not any(self.harmonics[:2])
+        return self.harmonics == 0
 
     def fit(self, ensemble: Ensemble) -> JointCascadeModel:
         """Return the model of an ensemble."""
-        model = model_of(repr(self), self.search(ensemble).select())
+        model = model_of(repr(self), select(ensemble, self.harmonics, self.delay, self.emg))
         texts = *_held_stiffness(model), *model.diagnostics.warnings
         return attrs.evolve(model, diagnostics=attrs.evolve(model.diagnostics, warnings=texts))
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
         if isinstance(model, JointCascadeModel) and model.diagnostics.details["reflex_detected"]:
-            return model_of(repr(self), self.search(ensemble).refit(model.hyperparameters))
+            return model_of(repr(self), fit_again(ensemble, model.hyperparameters))
         return self.identify(ensemble)
-
-    def search(self, ensemble: Ensemble) -> Search:
-        """Return the reflexes that may explain the torque of an ensemble."""
-        return Search(ensemble, **attrs.asdict(self))
 
     def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
         rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]
@@ -187,7 +175,7 @@ class JointCascadeModel(TwoPathwayModel):
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         found = super()._pathways(ensemble)
-        fast = unresolved(ensemble, len(self.lags) // 2)
+        fast = unresolved(ensemble)
         further = np.einsum("td,drt->rt", self.fast_response, fast[..., ensemble.core])
         if ensemble.mean_subtracted:
             further -= further.mean(axis=0)
@@ -199,38 +187,39 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
 
     The gain is stated in both.
     """
-    search, direction, _, fit, used = selection
-    ensemble, data, mean = search.ensemble, used.data, used.posterior.mean
-    weights = np.eye(1, len(data.starts)), data.readout[1:]
+    drive, fit, used = selection
+    ensemble, data, mean = used.data.ensemble, used.data, used.posterior.mean
+    weights = np.eye(1, len(data.signals)), data.readout[1:]
     features = [data.features(each) for each in np.concatenate(weights)]
     limited = mean[0] > 0, True, False  # which of them are not negative
     estimates = {
         quantity: _estimate(used, UNITS[quantity], *each)
         for quantity, *each in zip(IMPEDANCE, features, limited, strict=True)
     }
-    gain = data.gain(ensemble.time / data.period)
-    drive = search.drive(direction, float(fit.shape[THRESHOLD]))
+    gain = data.gain(ensemble.time / ensemble.duration)
+    drive = attrs.evolve(drive, threshold=float(fit.shape[THRESHOLD]))
     count = data.intrinsic_count
-    estimates["reflex_gain"] = _estimate(fit, drive.gain_unit, gain, search.emg is None, count)
+    estimates["reflex_gain"] = _estimate(fit, drive.gain_unit, gain, drive.emg is None, count)
     known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
     response, reflex_lags = _reflex_response(selection)
     over_time = data.over_time(mean[:count])
     details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ data.readout[0]).mean())
     texts = _warnings(selection, details, estimates)
+    rate = ensemble.sampling_rate
     return JointCascadeModel(
         method=method,
-        sampling_rate=data.rate,
+        sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        impulse_response=over_time @ data.filters * known * data.rate,
+        impulse_response=over_time @ data.filters * known * rate,
         lags=data.lags,
-        reflex_response=response * known * data.rate,
+        reflex_response=response * known * rate,
         reflex_lags=reflex_lags,
         drive=drive,
         fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters(
-            direction, data.varies, data.noise, fit.shape, fit.parameters
+            data.harmonics, data.noise, drive, fit.shape, fit.parameters
         ),
         diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
     ).with_details(ensemble)
@@ -262,28 +251,27 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
 
     The weights are zero if no reflex is detected.
     """
-    ensemble, fit, data = selection.search.ensemble, selection.fit, selection.fit.data
-    delay, last = fit.shape[DELAY], max(round(MAX_REFLEX_LAG_S * data.rate), ensemble.context)
-    lags = np.arange(math.floor(delay * data.rate + 1e-9), last + 1)
-    weights = muscle(fit.shape, last + 1, data.rate)[lags]
-    arrivals = ensemble.time[:, None] - lags / data.rate + delay
-    gain = data.gain(arrivals.ravel() / data.period) @ fit.posterior.mean[data.intrinsic_count :]
-    response = gain.reshape(arrivals.shape) * weights / weights.sum()
-    return response * selection.shown, lags / data.rate
+    fit, data, ensemble = selection.fit, selection.fit.data, selection.fit.data.ensemble
+    rate, delay = ensemble.sampling_rate, fit.shape[DELAY]
+    lags = np.arange(round(NEEDED_HISTORY_S * rate) + 1) / rate
+    arrivals = ensemble.time[:, None] - lags + delay
+    gain = data.gain(arrivals.ravel() / ensemble.duration)
+    response = (gain @ fit.posterior.mean[data.intrinsic_count :]).reshape(arrivals.shape)
+    return response * muscle(fit.shape, len(lags), rate) * selection.shown, lags
 
 
 def _details(selection: Selection) -> dict[str, float]:
-    search, _, shown, fit, used = selection
+    _, fit, used = selection
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[fit.free]
-    details = {"reflex_detected": float(shown), "constant": float(not used.data.varies)}
+    details = {
+        "reflex_detected": float(selection.shown),
+        "constant": float(used.data.harmonics == 0),
+        "vaf_held_out": 100 * used.share(),
+    }
     details |= dict(zip(SHAPE_NAMES, values.tolist(), strict=True))
     details |= {f"{SHAPE_NAMES[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
-    if search.emg is not None:
-        del details["threshold"]
-    if fit.free or not shown:  # else it is a refit, which holds out nothing
-        details["vaf_held_out"] = 100 * used.share()
     return details
 
 

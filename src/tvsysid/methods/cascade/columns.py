@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.ndimage import correlate1d
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.pathways import history
+from tvsysid.methods.cascade.pathways import Stretch, driven, history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bases import FourierSeries
 from tvsysid.numerics.decimation import TAPS, keep_every
@@ -26,35 +26,36 @@ from tvsysid.signals import Ensemble
 # Share of the Nyquist frequency up to which filters of few lags give derivatives to 0.3 %
 BAND = 0.6
 RECORDED_HALF_WIDTH = 8  # samples to either side of derivatives at the recorded rate
-NEGLIGIBLE = 40.0  # time constants after which a muscle's response is over
 MAX_LAG_S = 0.04  # of the intrinsic response, to either side
 HIGHEST_DIFFERENCE = 8  # order of difference of the angle up to which the response is free
 CHANGING = 2  # signals whose coefficients change: angle and velocity
+GAIN_SHARE = 0.4  # of the number of harmonics of stiffness, for those of the reflex gain
 MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 HISTORY_S = 1.0  # of the reflex's drive that is used where it was recorded
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 
 
-def intrinsic_filters(lags: int, rate: float) -> Array:
+def intrinsic_filters(rate: float) -> Array:
     """Return filters (signal, lag) that give the angle, its derivatives and its differences.
 
     The derivatives are velocity and acceleration; the differences begin with order 3. Only the
     first filter passes a constant angle, so that the sum of a response is the first coefficient.
     The velocity of a ramp and the acceleration of a parabola are exact.
     """
+    lags = max(1, round(MAX_LAG_S * rate))
     offsets = np.arange(-lags, lags + 1)
     filters = derivative_weights(lags, BAND).copy()
     filters[1] *= -rate / (filters[1] @ offsets)
     filters[2] *= 2 * rate**2 / (filters[2] @ offsets**2)
     step = max(1, lags // 4)
-    first, second = np.zeros((2, 2 * step + 1))
-    first[::step], second[::step] = (0.5, 0, -0.5), (1, -2, 1)
-    impulse = np.eye(1, 2 * lags + 1, lags)[0]
-    differences = [np.convolve(impulse, each, "same") for each in (first, second)]
-    while len(differences) < min(HIGHEST_DIFFERENCE, 2 * lags):
-        differences.append(np.convolve(differences[-2], second, "same"))
-    return np.stack([*filters, *differences[2:]])
+    differences = np.zeros((min(HIGHEST_DIFFERENCE, 2 * lags) - 2, len(offsets)))
+    for order, difference in enumerate(differences, 3):
+        # Coefficients of (z - 1)^order, times z + 1 if that makes it symmetric about a sample
+        weights = np.poly([1] * order + [-1] * (order % 2))
+        reach = step * (len(weights) // 2)
+        difference[lags - reach : lags + reach + 1 : step] = weights
+    return np.concatenate([filters, differences])
 
 
 def deviations(values: Array) -> Array:
@@ -77,7 +78,7 @@ def filtered(values: Array, filters: Array) -> Array:
     return np.stack([correlate1d(values, weights) for weights in filters[:, ::-1]])
 
 
-def unresolved(ensemble: Ensemble, lags: int) -> Array:
+def unresolved(ensemble: Ensemble) -> Array:
     """Return velocity and acceleration that the lags of the decimated angle miss.
 
     Their shape is (2, realization, context + time + context). They are derivatives of the angle as
@@ -91,29 +92,26 @@ def unresolved(ensemble: Ensemble, lags: int) -> Array:
     if ratio > 1:
         filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
         filters = filters * (rate * ratio) ** np.array([[1], [2]])
-        angle = recorded.reshape(len(recorded), -1)
-        fast = np.stack([keep_every(each, ratio) for each in filtered(angle, filters)])
-        slow = filtered(ensemble.angle, intrinsic_filters(lags, rate)[1:3])
-        reach = max(lags, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
+        fast = keep_every(filtered(recorded.reshape(len(recorded), -1), filters), ratio)
+        few_lags = intrinsic_filters(rate)[1:3]
+        slow = filtered(ensemble.angle, few_lags)
+        reach = max(few_lags.shape[1] // 2, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
         out[..., reach:-reach] = (fast - slow)[..., reach:-reach]
     return out
 
 
 def muscle(shape: Array, samples: int, rate: float) -> Array:
-    r"""Return the impulse response of delay and muscle at lags from 0 on, at most ``samples``.
+    r"""Return the impulse response of delay and muscle at lags from 0 on. Its samples sum to 1.
 
-    The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`. The samples of the whole
-    response sum to 1. A reflex's ``shape`` holds log frequency (rad/s), log damping, threshold
-    (rad/s) and delay (s).
+    The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`. A reflex's ``shape`` holds
+    log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
     """
-    (frequency, damping), delay = np.exp(shape[:2]), float(shape[3])
+    frequency, damping = np.exp(shape[:2])
     # Equal poles (critical damping) would divide zero by zero. They are kept apart.
     root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
-    poles = frequency * (np.array([[root], [-root]]) - damping)
-    last = int((delay - NEGLIGIBLE / poles.real.max()) * rate)
-    late = np.maximum(np.arange(last) / rate - delay, 0.0)
-    response = (np.subtract(*np.exp(poles * late)) / root).real
-    return np.asarray((response / response.sum())[:samples])
+    late = np.maximum(np.arange(samples) / rate - shape[3], 0.0) * frequency
+    response = np.subtract(*np.exp(np.outer([root - damping, -root - damping], late))) / root
+    return np.asarray(response.real / response.real.sum())
 
 
 @attrs.frozen(eq=False)
@@ -121,35 +119,29 @@ class Data:
     """Torque and intrinsic ``signals``, as deviations from their mean over realizations.
 
     The ``torque`` has shape (realization, time), the signals (signal, realization, time). ``rows``
-    and ``times`` of an ensemble are fitted. ``functions`` (time, column) are the basis functions
-    of each signal's coefficient, at all times of a realization. ``starts`` are the first columns of
-    the signals. ``gain`` is the basis of the reflex's gain over a ``period`` in s. ``noise`` is the
+    and ``times`` of an ensemble are fitted. Coefficients of angle and velocity are Fourier series
+    of the realization, with this number of ``harmonics``. ``noise`` is the
     autocorrelation of the noise, from lag 0 on. It weights the samples. If the ``true_noise`` is
     another one, products of columns are those of the sandwich covariance of the coefficients.
     """
 
+    ensemble: Ensemble
+    harmonics: int
     torque: Array
     signals: Array
-    functions: Array
-    starts: list[int]
-    gain: FourierSeries
-    period: float
-    rate: float
     rows: NDArray[np.int64]
     times: slice
     noise: Array = attrs.field(factory=lambda: np.ones(1))
     true_noise: Array | None = None
 
     @classmethod
-    def of(cls, ensemble: Ensemble, harmonics: tuple[int, int, int]) -> Data:
+    def of(cls, ensemble: Ensemble, harmonics: int) -> Data:
         """Return the realizations and times with most samples whose past is recorded."""
         rate = ensemble.sampling_rate
-        lags = round(MAX_LAG_S * rate)
-        if lags < 1:
-            raise InputError(f"JointCascade: it takes more than 12.5 Hz, got {rate:g} Hz")
-        signals = filtered(ensemble.angle, intrinsic_filters(lags, rate))
-        signals[1:3] += unresolved(ensemble, lags)
-        edge = max(0, lags - ensemble.context)
+        filters = intrinsic_filters(rate)
+        signals = filtered(ensemble.angle, filters)
+        signals[1:3] += unresolved(ensemble)
+        edge = max(0, filters.shape[1] // 2 - ensemble.context)
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
         missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)
@@ -163,30 +155,25 @@ class Data:
             )
         times = slice(int(known_from[sizes.argmax()]), last)
         rows = np.flatnonzero(known_from <= times.start)
-        counts = [*harmonics[:2], *[0] * (len(signals) - 2)]
-        phase = ensemble.time / ensemble.duration
         return cls(
+            ensemble=ensemble,
+            harmonics=harmonics,
             torque=deviations(ensemble.torque[:, ensemble.core][rows, times]),
             signals=deviations(signals[..., ensemble.core][:, rows, times]),
-            functions=np.concatenate([FourierSeries(count)(phase) for count in counts], axis=1),
-            starts=np.cumsum([0, *(2 * count + 1 for count in counts[:-1])]).tolist(),
-            gain=FourierSeries(harmonics[2] if any(counts) else 0),
-            period=ensemble.duration,
-            rate=rate,
             rows=rows,
             times=times,
         )
 
     @property
-    def lags(self) -> Array:
-        """Return the lags of the intrinsic response in s."""
-        reach = round(MAX_LAG_S * self.rate)
-        return np.arange(-reach, reach + 1) / self.rate
-
-    @property
     def filters(self) -> Array:
         """Return the :func:`intrinsic_filters`."""
-        return intrinsic_filters(len(self.lags) // 2, self.rate)
+        return intrinsic_filters(self.ensemble.sampling_rate)
+
+    @property
+    def lags(self) -> Array:
+        """Return the lags of the intrinsic response in s."""
+        reach = self.filters.shape[1] // 2
+        return np.arange(-reach, reach + 1) / self.ensemble.sampling_rate
 
     @property
     def readout(self) -> Array:
@@ -207,21 +194,37 @@ class Data:
         rows, times = self.torque.shape
         return float((rows - 1) * times if rows > 1 else times - 1)
 
+    @cached_property
+    def basis(self) -> Array:
+        """Return the basis functions (time, function) of angle's and velocity's coefficients."""
+        return FourierSeries(self.harmonics)(self.ensemble.time / self.ensemble.duration)
+
+    @cached_property
+    def functions(self) -> Array:
+        """Return the basis functions (time, column) of all intrinsic coefficients."""
+        constants = np.ones((len(self.basis), len(self.signals) - CHANGING))
+        return np.hstack([*[self.basis] * CHANGING, constants])
+
+    @property
+    def sizes(self) -> list[int]:
+        """Return the number of columns of each signal."""
+        own = [self.basis.shape[1]] * CHANGING
+        return own + [1] * (len(self.signals) - CHANGING)
+
     @property
     def intrinsic_count(self) -> int:
         """Return the number of intrinsic columns."""
         return int(self.functions.shape[1])
 
     @property
-    def varies(self) -> bool:
-        """Return whether any coefficient changes over time."""
-        return self.intrinsic_count > len(self.signals)
+    def gain(self) -> FourierSeries:
+        """Return the basis of the reflex gain over a realization."""
+        return FourierSeries(round(GAIN_SHARE * self.harmonics))
 
     @cached_property
     def constant(self) -> Data:
         """Return the data with constant coefficients."""
-        functions, starts = self.functions[:, self.starts], list(range(len(self.starts)))
-        return attrs.evolve(self, functions=functions, starts=starts, gain=FourierSeries(0))
+        return attrs.evolve(self, harmonics=0)
 
     @cached_property
     def windows(self) -> list[tuple[slice, Array]]:
@@ -240,31 +243,24 @@ class Data:
         """Return values (…, time) times the weights."""
         return np.concatenate([values[..., at] @ weights for at, weights in self.windows], axis=-1)
 
-    @property
-    def changing(self) -> list[tuple[Array, Array]]:
-        """Return angle and velocity (realization, time), and their functions (time, column)."""
-        bases = np.split(self.functions[self.times], self.starts[1:], axis=1)
-        return list(zip(self.signals, bases, strict=True))[:CHANGING]
-
     @cached_property
-    def changing_products(self) -> list[Array]:
-        r"""Return the products (column, column) of angle's and velocity's columns of each fold.
+    def changing_products(self) -> Array:
+        r"""Return the products (fold, column, column) of angle's and velocity's columns.
 
-        .. math:: \sum_r (s_r F)^T W (s'_r F') = F^T (W \circ \sum_r s_r s_r'^T)\, F'
+        With signals s and basis functions F, they are
+
+        .. math:: \sum_r (s_r F)^T W (s'_r F) = F^T (W \circ \sum_r s_r s_r'^T)\, F
         """
-
-        def product(rows: slice, one: Array, own: Array, other: Array, others: Array) -> Array:
-            parts = (
-                own[at].T @ (one[rows, at].T @ other[rows, at] * weights) @ others[at]
-                for at, weights in self.windows
-            )
-            return np.asarray(np.sum(list(parts), axis=0))
-
-        pairs = [[(*one, *other) for other in self.changing] for one in self.changing]
-        return [
-            np.block([[product(rows, *each) for each in line] for line in pairs])
-            for rows in self.folds
-        ]
+        basis, size = self.basis[self.times], CHANGING * self.basis.shape[1]
+        products = []
+        for rows in self.folds:
+            parts = []
+            for at, weights in self.windows:
+                signals = self.signals[:CHANGING, rows, at]
+                moments = signals.swapaxes(1, 2)[:, None] @ signals * weights
+                parts.append(basis[at].T @ moments @ basis[at])
+            products.append(np.sum(parts, axis=0).swapaxes(1, 2).reshape(size, size))
+        return np.stack(products)
 
     def products(self, further: Array) -> Array:
         """Return the products (fold, column, column) of intrinsic and further columns, and torque.
@@ -274,11 +270,8 @@ class Data:
         columns = np.concatenate([self.signals[CHANGING:], further, self.torque[None]])
         weighted, products = self.weighted(columns), []
         for rows, first in zip(self.folds, self.changing_products, strict=True):
-            sums = [
-                np.einsum("crt,rt->ct", weighted[:, rows], signal[rows]) @ bases
-                for signal, bases in self.changing
-            ]
-            cross = np.hstack(sums)
+            sums = np.einsum("crt,srt->cst", weighted[:, rows], self.signals[:CHANGING, rows])
+            cross = (sums @ self.basis[self.times]).reshape(len(columns), -1)
             rest = np.tensordot(columns[:, rows], weighted[:, rows], ((1, 2), (1, 2)))
             products.append(np.block([[first, cross.T], [cross, rest]]))
         return np.stack(products)
@@ -287,39 +280,27 @@ class Data:
         """Return the moments of intrinsic and further columns."""
         return Moments.of(self.products(further).sum(axis=0), self.number)
 
-    def history(self, ensemble: Ensemble, drive: Array) -> Array:
-        """Return the drive of a reflex with its history, less its mean over realizations.
-
-        The ``drive`` has shape (realization, context + time + context), the result
-        (realization, history + time). It is 0 where nothing was recorded.
-        """
-        samples = round(HISTORY_S * self.rate)
-        known = history(ensemble, drive, samples)[self.rows]
-        return deviations(known[:, self.times.start : samples + self.times.stop])
-
-    def reflex(self, drive: Array, shape: Array, coefficients: Array) -> Array:
+    def reflex(self, drive: Stretch, shape: Array, coefficients: Array) -> Array:
         """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
 
-        The ``drive`` is one with its :meth:`history`. The gain is that at the time of arrival.
+        The threshold is that of the ``shape``. The gain is that at the time of arrival.
         """
-        rows, times = self.torque.shape
-        response = muscle(shape, drive.shape[1] - times + 1, self.rate)
-        steps = np.arange(self.times.start - len(response) + 1, self.times.stop)
-        gain = self.gain((steps / self.rate + float(shape[3])) / self.period)
-        arriving = drive[:, -len(steps) :] * (gain @ coefficients).T[:, None]
-        lines = arriving.reshape(-1, len(steps))
-        torque = convolve_lags(lines, np.broadcast_to(response, (times, len(response))))
-        return torque.reshape(-1, rows, times)
-
-    def torques(self, coefficients: Array, further: Array) -> tuple[Array, Array]:
-        """Return intrinsic torque and that of further columns (realization, time), less means."""
-        own, others = np.split(coefficients, [self.intrinsic_count])
-        intrinsic = np.einsum("ts,srt->rt", self.over_time(own)[self.times], self.signals)
-        return deviations(intrinsic), deviations(np.tensordot(others, further, 1))
+        rate, times = self.ensemble.sampling_rate, self.torque.shape[1]
+        before = round(HISTORY_S * rate)
+        drive = attrs.evolve(drive, threshold=float(shape[2]))
+        known = driven(self.ensemble, drive, before)[self.rows]
+        steps = np.arange(self.times.start - before, self.times.stop)
+        gain = self.gain((steps / rate + shape[3]) / self.ensemble.duration) @ coefficients
+        arriving = deviations(known[:, steps + before]) * gain.T[:, None]
+        response = np.broadcast_to(muscle(shape, before + 1, rate), (times, before + 1))
+        torque = convolve_lags(arriving.reshape(-1, len(steps)), response)
+        return torque.reshape(-1, *self.torque.shape)
 
     def residual(self, coefficients: Array, further: Array) -> Array:
         """Return the torque (realization, time) that coefficients leave."""
-        return np.asarray(self.torque - np.sum(self.torques(coefficients, further), axis=0))
+        own, others = np.split(coefficients, [self.intrinsic_count])
+        intrinsic = np.einsum("ts,srt->rt", self.over_time(own)[self.times], self.signals)
+        return deviations(self.torque - intrinsic - np.tensordot(others, further, 1))
 
     def held_out(
         self, products: Array, further: Array, fitted: Callable[[Moments], Array]
@@ -339,11 +320,12 @@ class Data:
 
     def features(self, weights: Array) -> Array:
         """Return rows (time, column) that give the weighted sum of the signals' coefficients."""
-        return self.functions * np.repeat(weights, np.diff([*self.starts, self.intrinsic_count]))
+        return self.functions * np.repeat(weights, self.sizes)
 
     def over_time(self, coefficients: Array) -> Array:
         """Return the coefficient of each signal at all times (time, signal)."""
-        return np.add.reduceat(self.functions * coefficients, self.starts, axis=1)
+        starts = np.cumsum([0, *self.sizes[:-1]])
+        return np.add.reduceat(self.functions * coefficients, starts, axis=1)
 
     def squares(self, values: Array) -> Array:
         """Return the weighted squares of values (realization, time), one for each realization."""

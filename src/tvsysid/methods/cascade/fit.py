@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cached_property
 
 import attrs
@@ -11,6 +10,7 @@ import numpy as np
 import scipy
 
 from tvsysid.methods.cascade.columns import Data
+from tvsysid.methods.cascade.pathways import Stretch
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
@@ -55,11 +55,9 @@ class Fit:
     data
         Torque and intrinsic signals.
     drive
-        Function that returns what drives the reflex for a threshold, as deviations from the mean
-        over realizations, shape (realization, history + time); 0 where nothing was recorded. It is
-        None without a reflex.
+        Drive of the reflex, with any threshold. None without a reflex.
     shape
-        Shape of the reflex.
+        Shape of the reflex, with its threshold.
     free
         Numbers of the shape that are estimated.
     parameters
@@ -69,7 +67,7 @@ class Fit:
     """
 
     data: Data
-    drive: Callable[[float], Array] | None
+    drive: Stretch | None
     shape: Array
     free: list[int]
     parameters: Array = attrs.field()
@@ -84,8 +82,7 @@ class Fit:
             found = posterior_of(self.moments, self.spread_of(parameters))
             off = decays_off(parameters)
             gradient = 2 * found.variance_gradient @ design - off / DECAY_SPREAD
-            evidence = relative_log_evidence(found, self.moments.square)
-            return 0.5 * float(off @ off) - evidence, -gradient
+            return 0.5 * float(off @ off) - found.log_evidence, -gradient
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(
@@ -97,7 +94,7 @@ class Fit:
         """Return the torques of a reflex. See :meth:`Data.reflex`."""
         if self.drive is None:
             return np.zeros((0, *self.data.torque.shape))
-        return self.data.reflex(self.drive(float(self.shape[THRESHOLD])), self.shape, coefficients)
+        return self.data.reflex(self.drive, self.shape, coefficients)
 
     @cached_property
     def reflex_columns(self) -> Array:
@@ -123,9 +120,9 @@ class Fit:
         give :math:`\log\gamma - \nu \log h` for its h-th harmonic. Signals beyond the acceleration
         are one family. Sizes are those for columns of unit RMS.
         """
-        starts = [*self.data.starts, self.data.intrinsic_count]
-        sizes = np.diff([*starts, len(self.moments.cross)])
+        sizes = [*self.data.sizes, len(self.reflex_columns)]
         order = np.concatenate([np.arange(1, size + 1) // 2 for size in sizes])
+        starts = np.cumsum([0, *sizes[:-1]])
         family = [*np.arange(len(sizes) - 1).clip(max=FLAT_FAMILIES), FAMILIES - 1]
         is_own = np.eye(FAMILIES)[np.repeat(family, sizes)]
         weights = order == 0, order > 0, -np.log(order.clip(1))
@@ -153,8 +150,7 @@ class Fit:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
         shape = (self.shape[self.free] - MEAN[self.free]) / SPREAD[self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
-        square = self.moments.square
-        return relative_log_evidence(self.posterior, square) - 0.5 * float(squares)
+        return self.posterior.log_evidence - 0.5 * float(squares)
 
     @property
     def residual(self) -> Array:
@@ -260,9 +256,9 @@ class Fit:
         return attrs.evolve(fit, parameters=fit.tuned(fit.parameters))
 
 
-def usual_shape(threshold: float = 0.0, delay: float = USUAL_DELAY_S) -> Array:
-    """Return the shape of a reflex with a usual muscle."""
-    return np.array([*MEAN[:THRESHOLD], threshold, delay])
+def usual_shape(delay: float = USUAL_DELAY_S) -> Array:
+    """Return the shape of a reflex with a usual muscle and no threshold."""
+    return np.array([*MEAN, delay])
 
 
 def posterior_of(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:
@@ -289,18 +285,6 @@ def posterior_of(moments: Moments, spread: Array, positive: Array | None = None)
         noise_variance=noise,
         precision=found.precision / noise,
     )
-
-
-def relative_log_evidence(found: Posterior, square: float) -> float:
-    r"""Return the log evidence relative to that of a torque that is all noise.
-
-    S is the diagonal matrix of the prior standard deviations relative to the noise.
-
-    .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
-              - \tfrac12 \log|S \Phi^T\Phi S + 1|
-    """
-    misfit = found.number * math.log(found.penalized_residual / square)
-    return -0.5 * (misfit + found.log_determinant)
 
 
 def decays_off(parameters: Array) -> Array:

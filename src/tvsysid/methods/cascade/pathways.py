@@ -25,42 +25,28 @@ PATHWAYS = ("intrinsic", "reflex")
 class Stretch:
     """Velocity of the total angle beyond a ``threshold`` in rad/s.
 
-    ``direction`` is that of stretch, 1 or -1.
+    ``direction`` is that of stretch, 1 or -1. If a channel of ``emg`` is named, its signal takes
+    the place of the velocity.
     """
 
     threshold: float = 0.0
     direction: int = 1
+    emg: str | None = None
 
-    gain_unit = UNITS["reflex_gain"]
+    @property
+    def gain_unit(self) -> str:
+        """Return the unit of the reflex gain."""
+        return UNITS["reflex_gain"] if self.emg is None else "N m/V"
 
     def __call__(self, ensemble: Ensemble) -> Array:
-        """See :func:`tvsysid.numerics.stretch.stretch`."""
+        """Return the signal. See :func:`tvsysid.numerics.stretch.stretch`."""
+        if self.emg is not None:
+            return ensemble.signal(self.emg)
         return stretch(*velocity_of(ensemble), self.threshold, self.direction)
-
-
-@attrs.frozen
-class MeasuredChannel:
-    """Measured channel that drives the reflex."""
-
-    name: str
-
-    gain_unit = "N m/V"
-
-    def __call__(self, ensemble: Ensemble) -> Array:
-        """Return the signal of the channel, unchanged."""
-        return ensemble.signal(self.name)
 
 
 # A drive returns the signal (realization, context + time + context) that drives a reflex.
 Drive = Callable[[Ensemble], Array]
-
-
-def rectified_velocities(ensemble: Ensemble) -> Array:
-    """Return the velocity rectified in either direction.
-
-    Its shape is (2, realization, context + time + context).
-    """
-    return np.stack([Stretch(direction=direction)(ensemble) for direction in DIRECTIONS])
 
 
 @lru_cache(maxsize=1)  # drives of the same ensemble follow each other
@@ -89,6 +75,12 @@ def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
         line = np.concatenate([missing, head, values[run, core].ravel()])
         out[run] = sliding_window_view(line, out.shape[1])[:: ensemble.samples]
     return out
+
+
+@lru_cache(maxsize=16)  # thresholds that are tried
+def driven(ensemble: Ensemble, drive: Drive, samples: int) -> Array:
+    """Return the signal of a drive with its :func:`history`."""
+    return history(ensemble, drive(ensemble), samples)
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -127,7 +119,7 @@ class TwoPathwayModel(ImpulseResponseModel):
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1
-        past = history(ensemble, self.drive(ensemble), first + late)[:, : late + ensemble.samples]
+        past = driven(ensemble, self.drive, first + late)[:, : late + ensemble.samples]
         reflex = convolve_lags(np.nan_to_num(past), self.reflex_response / self.sampling_rate)
         # Only the first values are missing. So a sample lacks some if it lacks its earliest one.
         reflex[np.isnan(past[:, : ensemble.samples])] = np.nan

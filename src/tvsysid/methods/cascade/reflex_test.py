@@ -13,7 +13,7 @@ from scipy.special import stdtr, stdtrit
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import usual_shape
-from tvsysid.methods.cascade.pathways import DIRECTIONS, rectified_velocities
+from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch
 from tvsysid.numerics.gaussian import TINY, Moments, solve
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Array, Ensemble
@@ -122,9 +122,10 @@ def _columns(ensemble: Ensemble, harmonics: int) -> tuple[Data, Array]:
 
     The samples are weighted by the residual of a fit to both.
     """
-    data = Data.of(ensemble, (harmonics, harmonics, 0))
-    drives = [data.history(ensemble, each) for each in rectified_velocities(ensemble)]
-    late = np.concatenate([data.reflex(each, usual_shape(), np.ones((1, 1))) for each in drives])
+    data = Data.of(ensemble, harmonics)
+    constant, weight = data.constant, np.ones((1, 1))
+    drives = (Stretch(direction=each) for each in DIRECTIONS)
+    late = np.concatenate([constant.reflex(each, usual_shape(), weight) for each in drives])
     left = data.residual(_least_squares(data.moments(late)), late)
     return attrs.evolve(data, noise=autocorrelation(left)), late
 

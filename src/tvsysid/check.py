@@ -139,12 +139,12 @@ def follows_a_changing_stiffness(joint: IdentifiedJoint) -> Judgement:
     return (
         error < 20,
         f"error {error:.1f} N·m/rad RMS, with a sine of ±50 N·m/rad",
-        "expected less than 20; a constant guess has 35. A method that assumes a constant joint "
-        "should have time_invariant = True",
+        "expected less than 20; a constant stiffness has 35. A method that assumes a constant "
+        "joint should have time_invariant = True",
     )
 
 
-def gives_the_same_numbers_in_a_worker(joint: IdentifiedJoint) -> Judgement:
+def gives_the_same_numbers_again(joint: IdentifiedJoint) -> Judgement:
     """Identify the first joint again, by a copy of the method that has identified other joints."""
     again = identify_joint(cloudpickle.loads(cloudpickle.dumps(joint.method)))
     same = np.allclose(again.model.stiffness, joint.model.stiffness, 1e-9, 0.0, equal_nan=True)
@@ -174,6 +174,6 @@ CHECKS = (
     recovers_a_constant_stiffness,
     predicts_the_torque,
     follows_a_changing_stiffness,
-    gives_the_same_numbers_in_a_worker,
+    gives_the_same_numbers_again,
     works_at_another_rate_and_length,
 )

@@ -102,12 +102,12 @@ def test_good_methods_pass(method):
         ),
         (
             spoiled(lambda known: known + 0.01 * np.random.default_rng().normal(size=len(known))),
-            "gives the same numbers in a worker",
+            "gives the same numbers again",
             "give random numbers a fixed seed",
         ),
         (
             Fit(held=threading.Lock()),
-            "gives the same numbers in a worker",
+            "gives the same numbers again",
             "cannot pickle '_thread.lock' object",
         ),
         (Fit(at_one_rate), "works at another rate and length", "192 samples at 100 Hz"),

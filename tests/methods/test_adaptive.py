@@ -191,7 +191,7 @@ def test_changes_are_described_with_their_probabilities():
         "switch at 0.500 s: +100.0 ± 2.0 N·m/rad",
         "possible switch at 1.000 s: -8.0 ± 3.9 N·m/rad, probability 33 %",
         "probable switch at 1.500 s: +8.0 ± 3.9 N·m/rad, probability 70 %",
-        "stiffness between switches: constant (probability 90 %) or changing smoothly (10 %)",
+        "probability that stiffness changes smoothly between switches: 10 %, is constant: 90 %",
         "the torque of a stretch reflex is separated",
     ]
 

@@ -143,9 +143,9 @@ def test_a_recording_that_is_planned_holds_its_realizations(context, period):
 def test_a_plan_of_few_realizations_names_20():
     needed = RequiredRecording("noise", "birf", 19, 31.5, 4.0, 1.0, 4.1, 0.1)
     plan = Plan(5.0, None, {"noise": Protocol(period=1.5)}, {}, {}, (needed,))
-    assert "20 realizations of 1.5 s; record 33 s, with those at both ends, which" in str(plan)
+    assert "20 realizations of 1.5 s; record 33 s, because those at both ends are" in str(plan)
     assert str(plan).endswith(
-        "19 suffice in the simulation, whose errors are too small below 20: record at least 20."
+        "19 suffice in simulations, but below 20 real errors are larger: record at least 20."
     )
 
 

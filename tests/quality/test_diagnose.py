@@ -22,7 +22,7 @@ def test_a_finding_says_what_how_strong_what_it_does_and_what_to_do(spoilt):
     assert [check.name for check in spoilt.findings] == ["delay", "unlike-realizations"]
     delay, unlike = spoilt.findings
     assert delay.value == pytest.approx(30, abs=0.5)
-    assert unlike.strength == "11 realizations, at most 0 is in order"
+    assert unlike.strength == "11 realizations, should be at most 0"
     assert unlike.what.endswith("outliers (realizations 1, 8, 15, 22, 29, 36, 43, 50, 57, 64, …)")
     assert re.search(
         r"^Diagnosis of 75 realizations of 2 s at 100 Hz: 2 faults found, 1 uncertain \(27 of.*\n"
@@ -113,10 +113,10 @@ def test_whatever_comes_is_judged_or_told_why_not(seed, realizations, samples, c
 @pytest.mark.parametrize(
     ("name", "value", "significant", "state", "strength"),
     [
-        ("drift", -16.1, True, "found", "-16.1 %, at most ±10 is in order"),
-        ("drift", 24.3, False, "uncertain", "24.3 %, at most 10 is in order"),
+        ("drift", -16.1, True, "found", "-16.1 %, should be at most ±10"),
+        ("drift", 24.3, False, "uncertain", "24.3 %, should be at most 10"),
         ("drift", float("nan"), False, "not judged", "–"),
-        ("torque-unit", 0.1, True, "found", "0.1 N·m/rad, at least 0.2 is in order"),
+        ("torque-unit", 0.1, True, "found", "0.1 N·m/rad, should be at least 0.2"),
     ],
 )
 def test_states_of_a_check(name, value, significant, state, strength):

@@ -207,7 +207,7 @@ def test_a_delay_on_top_of_a_real_record_s_own_is_measured(recordings, record):
 @pytest.mark.parametrize(("period", "rate", "named"), [(1.9, 1000.0, "2 s"), (2.0, 500.0, "4 s")])
 def test_a_wrong_period_or_rate_is_named(period, rate, named):
     check = found(cut(attrs.evolve(brief(), sampling_rate=rate), period))["wrong-period"]
-    assert f"with {named}, beside what repeats every {period:g} s" in check.what
+    assert f"of {named}, beside what repeats every {period:g} s" in check.what
 
 
 def test_one_channel_as_both_is_all_that_is_judged():

@@ -26,7 +26,7 @@ def test_the_answer_comes_first_with_its_reason(elements):
     told = section(elements, "outcome")
     assert told.startswith("The stiffness to report Recommended (adaptive): stiffness ")
     assert re.search(r"Switch at 0\.\d+ s: \+\d+\.\d ± \d\.\d N·m/rad", told)
-    rows = table(elements, "By adaptive: mean over time")
+    rows = table(elements, "By adaptive: mean, lowest")
     assert "stiffness N·m/rad" in rows
     assert "inertia kg·m² 0.0" in rows
     assert "stiffness 0.499 0.4" in table(elements, "Sudden changes")
@@ -135,7 +135,7 @@ def test_a_wrong_period_is_said_with_the_answer_and_no_method_is_recommended(tmp
     found = tv.compare(tv.preprocess.subtract_mean(ensemble), ["sds", "birf"])
     (told,) = found.answer.lines
     assert told.startswith("no stiffness is stated. The movement does not repeat with this period")
-    assert "of its mean with 2 s, beside what repeats every 1.9 s. Cut with the period" in told
+    assert "with a period of 2 s, beside what repeats every 1.9 s. Cut with the period" in told
     tv.report.write_identification(tmp_path / "report.html", found)
     page = Elements((tmp_path / "report.html").read_text())
     assert section(page, "outcome").startswith(

@@ -41,8 +41,9 @@ def inspect(
     effect and the remedy of each fault and, with `--period`, which method suits the data. Writes a
     page with figures, `FILE.ANGLE-TORQUE.diagnosis.html`, beside the picture. ANGLE and TORQUE are
     the channels' names. The data are those that `tvsysid identify` identifies with these options;
-    clipped and lost signals and spikes are looked for at the recorded rate. Without `--period`, the
-    record is cut into pieces of 2 s, and repetitions are not checked.
+    faults that it corrects are listed, too. Clipped and lost signals and spikes are looked for at
+    the recorded rate. Without `--period`, the record is cut into pieces of 2 s, and repetitions are
+    not checked.
 
     Example: `tvsysid inspect ankle.mat`
 

@@ -39,13 +39,13 @@ def plan(
     """Plan how much to record for a given precision of the stiffness.
 
     Simulates ensembles of 10 to 160 realizations of a stated joint and protocol, or of what a
-    pilot recording shows, and identifies them by each method. How far its stiffness scatters, and
-    how far it is off in the mean, says how many realizations it needs. A second simulation, of a
-    joint whose stiffness steps, says how fast a change each method can follow.
+    pilot recording shows, and identifies them by each method. The random error and the bias of its
+    stiffness decide how many realizations a method needs. A second simulation, of a joint whose
+    stiffness steps, says how fast a change each method can follow.
 
     Prints the shortest recording that suffices, and for each method: realizations, how long to
-    record (with those at both ends that lack context), the ± at 95 % that noise, bias and both
-    make, and the time in which it follows a step. No band counts the bias. Where no number
+    record (with those at both ends, which are left out), the error (± at 95 %) by noise, by bias
+    and by both, and the time in which it follows a step. No band counts the bias. Where no number
     suffices, it says why. Writes `plan.png` and `plan.csv` to the folder. Without `--period`, a
     realization takes 2 s, and without `--decimate`, simulated data have 100 Hz.
 
@@ -159,13 +159,13 @@ def _show(found: Plan) -> None:
         ]
         if ratios:
             say(
-                "  between halves of the pilot, stiffness differs more than simulated "
-                f"({', '.join(ratios)}); ± noise counts this"
+                "  stiffness differs more between halves of the pilot than in simulations "
+                f"({', '.join(ratios)}); ± noise includes this"
             )
     if all(each.pilot is None for each in found.setups.values()):
         say("assumed: pink noise of the torque, as voluntary torque is; --pilot measures yours")
     say(
-        f"±: at 95 %, in N·m/rad; both is to be at most {found.precision:g}. ± noise "
-        "counts that realizations differ, which the band of `identify` does not; that band counts "
-        "that the speed of changes is estimated. Plan with ± noise"
+        f"±: at 95 %, in N·m/rad; ± both is to be at most {found.precision:g}. ± noise "
+        "includes differences between realizations; the band of `identify` does not, but covers "
+        "errors in the speed of changes. Plan with ± noise"
     )

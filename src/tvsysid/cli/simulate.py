@@ -113,7 +113,7 @@ def simulate(
     if "disturbance" in channels:
         say("in closed loop: add --method kbr:reference=disturbance,weighting=residual")
     if (variable := getattr(joint, "variable", None)) in channels:
-        say(f"or over {variable}, which the joint follows: add --scheduling {variable}")
+        say(f"to identify stiffness as a function of {variable}: add --scheduling {variable}")
 
 
 def _system(text: str, stiffness: str | None) -> System:

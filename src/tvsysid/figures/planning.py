@@ -50,7 +50,7 @@ def _draw_rise_times(axes: Axes, plan: Plan) -> None:
     for each in plan.required:
         color, label = looks[each.method]["color"], each.method
         if len(plan.setups) > 1:
-            label += f", {each.setup.removeprefix('the perturbation ')}"
+            label += f", {each.setup.removeprefix('the ')}"
         bar = axes.barh(label, np.nan_to_num(each.rise_time), color=color)
         axes.bar_label(bar, [f"{each.rise_time:.2g} s"], padding=3, fontsize=7)
     axes.set_ylim(max(len(plan.required), 3) - 0.5, -0.5)  # from above

@@ -117,7 +117,7 @@ class SubspaceCascade(TwoPathwayMethod):
         "that answers after it.",
         "The reflex is a static nonlinearity before a linear system of low order.",
     )
-    differs = "It is one constant, some mean where the joint changes."
+    differs = "It is one constant, an average if the joint changes."
     cites = ("jalaleddini2017", "jalaleddini2017segments")
 
     def skip(self, ensemble: Ensemble) -> str | None:

@@ -109,12 +109,12 @@ class Plan:
         setup, needed = self.setups[best.setup], best.realizations or 0
         count = max(needed, MIN_REALIZATIONS)
         seconds = setup.seconds(count)
-        more = ", with those at both ends, which lack context"
+        more = ", because those at both ends are left out"
         more = more if seconds > count * setup.period else ""
         advice = ""
         if count > needed:
-            advice = f" {needed} suffice in the simulation, whose errors are too small below "
-            advice += f"{count}: record at least {count}."
+            advice = f" {needed} suffice in simulations, but below {count} real errors are "
+            advice += f"larger: record at least {count}."
         return (
             f"{wish}, with {best.method} and {best.setup}: {count} realizations of "
             f"{setup.period:g} s; record {seconds:g} s{more}.{advice}"
@@ -191,7 +191,7 @@ def plan(
     >>> import tvsysid as tv
     >>> setup = tv.planning.Protocol(perturbation="prbs", amplitude=0.01)
     >>> print(tv.plan(setup, precision=8, methods=["birf"]))
-    To know stiffness to ± 8 N·m/rad at 95 %, with birf and the perturbation prbs at 0.01 rad RMS:
+    To know stiffness to ± 8 N·m/rad at 95 %, with birf and the prbs perturbation at 0.01 rad RMS:
     ... realizations of 2 s; record ...
     """
     positive.check("plan", "precision", precision)

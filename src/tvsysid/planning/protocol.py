@@ -218,7 +218,7 @@ class Protocol:
         return (10, 40, 160) if self.pilot is None else (20, 80)
 
     def __str__(self) -> str:
-        name = f"the perturbation {label_of(self.perturbation)}"
+        name = f"the {label_of(self.perturbation)} perturbation"
         if isinstance(self.perturbation, Sampled):
             name = "the pilot's perturbation"
         return f"{name} at {self.amplitude:.2g} rad RMS"

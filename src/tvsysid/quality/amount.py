@@ -85,7 +85,7 @@ def narrow_excitation(data: FittedEnsemble) -> Measured:
 @check(
     "same-perturbation",
     "The same perturbation in every realization",
-    "share of noise in the angle's deviations from its mean over realizations",
+    "share of noise in the angle's deviations from its mean, if the torque hardly responds",
     30,
     "%",
     "minor",
@@ -99,8 +99,8 @@ def same_perturbation(data: FittedEnsemble) -> Measured:
     white = 100 * power_share(data.core("angle"), data.rate, edge)
     return Measured(
         0.0 if data.fit.explained >= MIN_EXPLAINED else white,
-        f"{white:.0f} % of the variance by which the angle differs between realizations lies "
-        f"above {edge:g} Hz",
+        f"{white:.0f} % of the angle's variance about its mean over realizations lies above "
+        f"{edge:g} Hz",
     )
 
 

@@ -54,8 +54,8 @@ def _impedance(data: FittedEnsemble) -> tuple[Array, Array]:
     "N·m/rad",
     "invalid",
     effect="stiffness, viscosity and inertia are wrong by the same factor",
-    remedy="name the channels the other way round if they are swapped (--angle, --torque), and the "
-    "units of the file (--torque-unit Nmm, --angle-unit deg), or leave out those that are not so",
+    remedy="exchange the channels if they are swapped (--angle, --torque); add --torque-unit Nmm "
+    "or --angle-unit deg if the file has this unit, and remove the option if not",
     lowest=0.2,
 )
 def torque_unit(data: FittedEnsemble) -> Measured:
@@ -95,8 +95,8 @@ def angle_unit(data: FittedEnsemble) -> Measured:
     "N·m/rad",
     "invalid",
     effect="stiffness, viscosity and inertia all come out negative",
-    remedy="reverse the torque: add --torque-sign -1 (torque_sign=-1), or remove it if present; "
-    "if the sign was right, the actuator is compliant: record its command",
+    remedy="reverse the torque: add --torque-sign -1 (torque_sign=-1), or remove this "
+    "option if you gave it; if the sign was right, the actuator is compliant: record its command",
     wrong="below",
 )
 def reversed_torque(data: FittedEnsemble) -> Measured:
@@ -112,12 +112,12 @@ def reversed_torque(data: FittedEnsemble) -> Measured:
 @check(
     "sampling-rate",
     "Too slow or too fast for a joint",
-    "natural frequency, in octaves from the middle of the range of joints (1 to 40 Hz; inertia up "
-    "to 1 kg·m²)",
+    "distance of the natural frequency from 6.3 Hz, the middle of the range of joints (1 to 40 Hz, "
+    "with an inertia up to 1 kg·m²)",
     2.66,
     "octaves",
     "serious",
-    effect="a rate too high by a factor makes viscosity too small by it, and inertia by its square",
+    effect="a stated rate n times too high makes viscosity n times too small, and inertia n² times",
     remedy="check the file's sampling rate; foot and footplate have 0.01 to 0.04 kg·m²",
 )
 def sampling_rate(data: FittedEnsemble) -> Measured:

@@ -154,7 +154,7 @@ class Finding:
         Examples
         --------
         >>> Finding("drift", 24.3, "").strength
-        '24.3 %, at most 10 is in order'
+        '24.3 %, should be at most 10'
         """
         if self.state == "not judged":
             return "–"
@@ -164,7 +164,7 @@ class Finding:
             allowed = f"at least {fault.lowest or fault.limit:g}"
         else:
             allowed = f"at most {'±' if self.value < 0 else ''}{fault.limit:g}"
-        return f"{value} {unit}, {allowed} is in order"
+        return f"{value} {unit}, should be {allowed}"
 
     def __repr__(self) -> str:
         return f"Finding({self.name}: {self.state}; {self.what})"

@@ -34,9 +34,9 @@ MAX_INERTIA_RATIO = 1.25  # of fits with and without low-pass: noise in the angl
     0.75,
     "ms",
     "doubtful",
-    effect="a torque that is late by d lowers the inertia by viscosity times d (a tenth of it for "
-    "1 ms at the ankle) and the viscosity by stiffness times d, and distorts the rest; an early "
-    "one raises both",
+    effect="a torque that is late by d lowers the inertia by viscosity times d (at the ankle a "
+    "tenth of the inertia for 1 ms) and the viscosity by stiffness times d, and distorts the rest; "
+    "an early one raises both",
     remedy="find what delays a channel (a filter, a clock, a closed loop); correct it with "
     "tv.preprocess.align_channels(recording, delay); tvsysid identify corrects all of it, or half "
     "or none of it if that predicts better",
@@ -66,7 +66,7 @@ def delay(data: FittedEnsemble) -> Measured:
             torque[:, data.ensemble.core] -= np.nan_to_num(reflex)
             others = _delay_in_samples(data.changed(torque=torque))
             if not FAULTS["delay"].beyond(1000 * others / data.rate):
-                raise NotApplicable("what is late in the torque is that of a reflex")
+                raise NotApplicable("without the reflex's torque, no delay is left")
         ratio = aligned.smooth_impedance[0][2] / new[2]
         if not 1 / MAX_INERTIA_RATIO < ratio < MAX_INERTIA_RATIO:
             raise NotApplicable(

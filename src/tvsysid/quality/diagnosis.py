@@ -168,7 +168,7 @@ def diagnose(
     >>> tv.diagnose(ensemble)
     Diagnosis of 30 realizations of 2 s at 100 Hz: no fault found (26 of 32 checks are possible)
     not judged: mean-torque, mean-angle (the mean over realizations has been subtracted)
-    not judged: clipped-angle (the same values of angle come again and again, not only the extremes)
+    not judged: clipped-angle (values of the angle repeat, not only extremes: no sign of clipping)
     """
     given = FittedEnsemble.of(ensemble)
     steady = realizations.without_drifting_offsets(given)

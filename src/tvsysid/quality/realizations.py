@@ -183,8 +183,8 @@ def _is_outlying(values: Array, least: float, errors: Array | float = 0.0) -> ND
     "doubtful",
     effect="the result is a mean of different movements and describes none; bands do not show it",
     remedy="sort the realizations by what may differ (task, muscle activity, instruction), and "
-    "identify each kind separately; if it was recorded, let the joint follow it (tvsysid identify "
-    "… --scheduling CHANNEL)",
+    "identify each kind separately; if the cause was recorded, identify stiffness as a function of "
+    "it (tvsysid identify … --scheduling CHANNEL)",
 )
 def scattered_realizations(data: FittedEnsemble) -> Measured:
     """Test whether stiffness differs between realizations by more than noise and drift.
@@ -295,8 +295,8 @@ def misaligned_realizations(data: FittedEnsemble) -> Measured:
     "invalid",
     effect="each realization holds another part of the movement; the time variation averages out",
     remedy="cut with the period that is named here, if there is one, or sort realizations by what "
-    "the stiffness depends on; check the sampling rate: if half of the true one is stated, the "
-    "period doubles",
+    "the stiffness depends on; check the sampling rate: half of the true rate doubles the "
+    "period",
 )
 def wrong_period(data: FittedEnsemble) -> Measured:
     """Find stiffness that varies with a period of which no whole number fits a realization.
@@ -325,7 +325,7 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     chance = max(0.0, 1 - coherent[best] / count) ** (count - 1)
     chance *= max(1.0, len(frequencies) * RESOLUTION)  # of independent frequencies
     what = (
-        f"stiffness varies by {amplitude[best]:.2g} % of its mean with "
+        f"stiffness varies by {amplitude[best]:.2g} % of its mean with a period of "
         f"{_period(frequencies[best], given):.3g} s, beside what repeats every {given:g} s"
     )
     return Measured(amplitude[best], what, chance < SIGNIFICANT)

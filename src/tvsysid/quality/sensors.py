@@ -74,7 +74,7 @@ def clipped(data: FittedEnsemble, which: str) -> Measured:
     middle = len(values) // 2 - count + 1
     if np.mean(is_tied[middle : middle + count].any(axis=0)) > MAX_REPEATED_SHARE * tied + CHANCE:
         raise NotApplicable(  # as of a multisine
-            f"the same values of {which} come again and again, not only the extremes"
+            f"values of the {which} repeat, not only extremes: no sign of clipping"
         )
     if np.mean(np.abs(deviations) < 0.5 * size) < MIN_MIDDLE_SHARE:
         raise NotApplicable(f"the {which} switches between two levels, as a PRBS does")

@@ -34,7 +34,7 @@ TOO_SHORT = "realizations and their context are too short"
 @check(
     "loop-bias",
     "Closed loop: the reference changes the stiffness",
-    "mean stiffness of a fit in open loop over that with the reference as the instrument, minus 1",
+    "mean stiffness without the reference over that with it as the instrument, minus 1",
     5,
     "%",
     "closed loop",
@@ -166,14 +166,13 @@ def feedback(data: FittedEnsemble) -> Measured:
 @check(
     "reflex",
     "A stretch reflex",
-    "least share (95 % confidence) of the residual torque that velocity of one direction predicts "
-    "40 to 330 ms later, beyond what both directions do alike",
+    "share of the residual torque, at least (95 % confidence), that velocity in one direction "
+    "predicts 40 to 330 ms later, and an equal response to both directions does not",
     0.1,
     "%",
     "one pathway",
     effect="methods with one pathway include the torque of the stretch reflex in the stiffness: "
-    "stiffness and inertia come out too high, viscosity too low, whatever the lags; no band shows "
-    "it",
+    "stiffness and inertia come out too high, viscosity too low; no band shows it",
     remedy="use a method that separates the pathways, as adaptive does: tv.AdaptiveRegression() "
     "(tvsysid identify … --method adaptive)",
 )
@@ -189,8 +188,9 @@ def reflex(data: FittedEnsemble) -> Measured:
         raise NotApplicable(TOO_SHORT) from error
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
-        f"{_percent(test.share)} of the residual torque 40 to 330 ms later, better than no reflex "
-        f"(p = {test.over_none:.1g}) and than a linear one (p = {test.over_linear:.1g})"
+        f"{_percent(test.share)} of the residual torque 40 to 330 ms later; this is better than "
+        f"without a reflex (p = {test.over_none:.1g}), and better than with an equal response to "
+        f"both directions (p = {test.over_linear:.1g})"
     )
     if test.shown:
         what += (
@@ -216,7 +216,7 @@ def slow_answer(data: FittedEnsemble) -> Measured:
     """Return the share of the residual torque that late velocities predict without a reflex."""
     data.require()
     if data.finding("reflex").found:
-        raise NotApplicable("a reflex is found, whose answer is late; longer lags do not mend that")
+        raise NotApplicable("a reflex is found, which is late, too: see its remedy")
     region = data.region
     start = max(data.region.start, LATE_LAGS[-1])
     causes = lagged(np.gradient(data.angle, axis=1), LATE_LAGS, start, region.stop)

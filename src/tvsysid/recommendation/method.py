@@ -80,8 +80,8 @@ RULES = (
     Rule(
         lambda data: any(FAULTS[name].severity == "invalid" for name in data.faults),
         (),
-        "the data have a fault that makes every method's stiffness wrong. tv.diagnose(ensemble) "
-        "(tvsysid inspect --diagnose) names it, and says what to do",
+        "the data have a fault that makes every method's stiffness wrong. The diagnosis names "
+        "it and says what to do: tv.diagnose(ensemble), tvsysid inspect --diagnose",
     ),
     Rule(
         lambda data: data.information < MIN_INFORMATION,

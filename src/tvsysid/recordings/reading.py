@@ -68,7 +68,7 @@ class Reading:
     torque_unit
         Unit of the torque in the file; most C3D files have Nmm.
     start
-        Time of the first sample in s; realizations begin at multiples of the period.
+        Time of the first sample in s. Realizations begin at time 0 and each period later.
 
     Raises
     ------

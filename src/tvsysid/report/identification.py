@@ -129,8 +129,8 @@ def illustrations(found: Comparison) -> dict[str, Illustration]:
     if torques is not None and np.isfinite(torques).any():
         draw = partial(held_out_prediction, torques, found.ensemble.sampling_rate)
         text = (
-            "Measured torque, deviation from the mean over realizations, and that predicted from "
-            "the other realizations; their difference; and its autocorrelation. Values "
+            "Measured torque (deviation from the mean over realizations) and its prediction from "
+            "the other realizations. Below, their difference and its autocorrelation. Values "
             "outside the band: the noise is coloured, or the model leaves something out."
         )
         drawn["held-out"] = Illustration(draw, f"Torque predicted by {answer.label}", text)

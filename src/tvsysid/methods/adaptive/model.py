@@ -158,8 +158,8 @@ def describe_changes(model: AdaptiveModel) -> list[str]:
             lines.append(f"{kind} at {each.time:.3f} s: {size}{share}")
     smooth = 100 * model.diagnostics.details["smooth_stiffness"]
     lines.append(
-        f"stiffness{where}: constant (probability {100 - smooth:.0f} %) or changing smoothly "
-        f"({smooth:.0f} %)"
+        f"probability that stiffness changes smoothly{where}: {smooth:.0f} %, is constant: "
+        f"{100 - smooth:.0f} %"
     )
     if model.reflex is not None:
         lines.append("the torque of a stretch reflex is separated")

@@ -171,7 +171,7 @@ class ParallelCascade(AlternatingCascade):
         "The reflex answers the velocity of stretch.",
     )
     differs = (
-        "It is one constant, some mean where the joint changes; the pathways are identified in "
+        "It is one constant, an average if the joint changes; the pathways are identified in "
         "turn, so that each may keep a part of the other's torque."
     )
     cites = ("kearney1997",)

@@ -127,8 +127,8 @@ class JointCascade(TwoPathwayMethod):
         "The movement is the same in all realizations, and periodic.",
     )
     differs = (
-        "The torque of the reflex is taken out of the stiffness, in which methods of one pathway "
-        "leave it; harmonics of the period smooth a switch."
+        "It excludes the torque of the reflex, which methods with one pathway include; it is a sum "
+        "of harmonics of the period, which smooths a switch."
     )
     cites = ("kearney1997",)
 
@@ -295,15 +295,15 @@ def _warnings(
     threshold, error = fit.shape[THRESHOLD], details.get("threshold_error", 0.0)
     if threshold == HIGHEST[THRESHOLD] or error > MAX_THRESHOLD_ERROR:
         yield (
-            f"the threshold is hardly identified ({threshold:.2g} ± {error:.2g} rad/s), as where "
-            "all movements are equally fast: the reflex's gain rises and falls with it"
+            f"the reflex's threshold is uncertain ({threshold:.2g} ± {error:.2g} rad/s), as "
+            "happens if all movements are equally fast; with another threshold, its gain differs"
         )
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
             "the joint without its reflex is not of second order: its mean stiffness is "
-            f"{mean:.1f} N·m/rad by its impulse response, and {fitted:.1f} by a second-order fit "
-            "from 0.5 to 15 Hz; the stiffness reported is based on the first, viscosity and "
-            "inertia on the second; report the difference as an uncertainty"
+            f"{mean:.1f} N·m/rad by its impulse response, from which the reported stiffness is, "
+            f"and {fitted:.1f} by a second-order fit from 0.5 to 15 Hz, from which viscosity and "
+            "inertia are; report the difference as an uncertainty"
         )
     changes = not details["constant"]
     if changes and np.nanmax(upper - gain) > np.nanmax(gain) - np.nanmin(gain):
@@ -328,7 +328,8 @@ def limit_warnings(lost: float) -> Iterator[str]:
     """Warn if the fit loses a share of the torque because quantities keep one sign."""
     if lost > MAX_LOST:
         yield (
-            f"{100 * lost:.1f} % of the torque fits only a negative viscosity or reflex gain, or a "
-            "stiffness of both signs, which no joint has; possible causes: a wrong sign of the "
-            "torque, an early torque, a closed loop, or realizations that differ"
+            f"{100 * lost:.1f} % of the torque could be explained only by what no joint has: a "
+            "negative viscosity or reflex gain, or a stiffness that changes its sign; possible "
+            "causes: a wrong sign of the torque, an early torque, a closed loop, or realizations "
+            "that differ"
         )

@@ -62,9 +62,9 @@ WITH_RESPONSES = ("eirf", "sds", "birf:model=irf")
 SHOWN_SAMPLES = [25, 100]  # half-way between two switches: low and high stiffness
 RESPONSES_TITLE = "Impulse responses at a low and a high stiffness: PRBS, 150 s, 10 dB"
 RESPONSES_TEXT = (
-    "Impulse responses over lags in N·m/(rad·s), identified by the methods that find one from a "
-    "trial of the square wave, with the paper's settings, drawn over the true one in the band of "
-    "the data, at a low and a high stiffness in N·m/rad."
+    "Impulse responses in N·m/(rad·s) over lags, at a low and a high stiffness (N·m/rad) of the "
+    "square wave. Each is from one trial, by a method with the paper's settings. The true response "
+    "behind them is limited to the band of the data."
 )
 
 VISCOSITIES = ("constant", "covarying")
@@ -183,8 +183,8 @@ CLAIMS = (
         HIGHER, [(f"{VARIES}_soft", f"{VARIES}_stiff")], FIVE, SINES,
     ),
     claim(
-        "What noise does can be inferred from the amounts of data: 10 dB less lower the random "
-        "error 3.2-fold, as ten times the data do (to within 25 %)", "5",
+        "10 dB less noise lowers the random error as much as ten times the data: 3.2-fold (to "
+        "within 25 %)", "5",
         ratio(np.sqrt(10) / 1.25, np.sqrt(10) * 1.25), RANDOM, FIVE, pairs(NOISY, NOISY[4:]),
         disagreement=RESIDUE,
     ),

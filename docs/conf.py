@@ -25,6 +25,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx_gallery.gen_gallery",
     "mathml",
+    "options",
     "pictures",
     "reference",
     "browser",
@@ -72,6 +73,7 @@ html_title = "tvsysid"
 html_static_path = ["static"]
 html_context = {"default_mode": "auto"}  # else the theme complains in the console
 html_css_files = ["site.css"]
+html_sidebars = {"start": []}  # its section has no other page
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {

@@ -16,8 +16,8 @@ prepared = tv.prepare(simulation.recording, period=2.0, decimate=100)
 # It is no reason to prefer a method with many parameters.
 
 comparison = tv.compare(prepared)
-columns = ["method", "stiffness (N·m/rad)", "half_band (N·m/rad)", "VAF (%)"]
-print(comparison.summary()[columns].round(1).to_string(index=False))
+columns = ["stiffness (N·m/rad)", "half_band (N·m/rad)", "VAF (%)"]
+print(comparison.summary().set_index("method")[columns].round(1).T.to_string())
 
 # %%
 

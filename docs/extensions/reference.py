@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,8 @@ def command_line() -> str:
     """Every command with its arguments and options, as ``--help`` explains them."""
     text = program.generate_docs().replace("# tvsysid", "# Command line", 1)
     contents = r"## Table of Contents.*?(?=\*\*Commands)"  # the same list stands below it
-    return re.sub(contents, "", text, flags=re.DOTALL).replace("```console", "```text")
+    text = re.sub(contents, "", text, flags=re.DOTALL).replace("```console", "```text")
+    return text.replace(" -m sphinx", "")  # taken from the command that builds the site
 
 
 def settings() -> str:
@@ -126,15 +128,24 @@ def skip(
 ) -> bool | None:
     """Skip the fields of named tuples: their docstrings only count them.
 
-    The docstring of the class describes them.
+    The docstring of the class describes them. So it does the attributes that a class passes on.
     """
-    return (
-        True if str(getattr(member, "__doc__", "")).startswith("Alias for field number") else None
-    )
+    is_field = str(getattr(member, "__doc__", "")).startswith("Alias for field number")
+    is_passed_on = isinstance(getattr(member, "fget", None), attrgetter)
+    return True if is_field or is_passed_on else None
+
+
+def shorten(
+    app: Sphinx, what: str, name: str, member: object, options: object, text: str, returned: str
+) -> tuple[str, str] | None:
+    """Leave the numbers of arrays out of a signature's defaults."""
+    found = re.sub(r"array\(\[.*?\]\)", "...", text or "", flags=re.DOTALL)
+    return (found, returned) if found else None
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Write the pages before any page is read."""
     app.connect("builder-inited", write)
     app.connect("autodoc-skip-member", skip)
+    app.connect("autodoc-process-signature", shorten)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

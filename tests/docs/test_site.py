@@ -51,6 +51,14 @@ def test_every_page_is_in_a_section():
     assert {page.stem for page in DOCS.glob("*.md")} - listed == {"index"}
 
 
+def test_options_in_a_text_are_marked(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "extensions")
+    context = {"body": '<a href="#x--y">with --no-align</a>'}
+    importlib.import_module("options").join(None, "", "", context, None)
+    marked = '<a href="#x--y">with <span class="option">--no-align</span></a>'
+    assert context["body"] == marked
+
+
 def test_each_picture_opens_by_itself_but_a_thumbnail(monkeypatch):
     monkeypatch.syspath_prepend(DOCS / "extensions")
     pictures = importlib.import_module("pictures")

@@ -48,7 +48,7 @@ def test_a_figure_is_laid_out_once_and_its_text_stays_text():
     assert drawn(figure, "svg") == first
     root = ElementTree.fromstring(first)
     texts = {element.text for element in root.iter("{http://www.w3.org/2000/svg}text")}
-    assert {"Visits", "May", "stiffness (N·m/rad), 95 % band"} <= texts
+    assert {"Visits", "time within a realization (s)", "stiffness (N·m/rad), 95 % band"} <= texts
 
 
 def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path):

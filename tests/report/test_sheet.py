@@ -43,14 +43,12 @@ def test_a_visit_without_a_valid_stiffness_says_why_and_has_no_numbers(
     visits = [sheet_page.parent / "visit number 1", tmp_path / "biased"]
     withdrawn = attrs.evolve(identified, unnamed_references=["Channel 'command' moves the angle."])
     write_visit(visits[1], withdrawn)
-    for folders, place in (([visits[1]], 1), (visits, 2)):
+    for folders, name in (([visits[1]], "<ankle>.mat"), (visits, "2. biased")):
         tv.report.write_sheet(tmp_path / "sheet.html", folders)
         told = Elements((tmp_path / "sheet.html").read_text())
         box = " ".join(text for _, text in told.of("p"))
         assert "No stiffness is stated. Channel 'command' moves the angle." in box
-        assert f"{place}. biased 60 × 2 s adaptive{' not valid' * 6}" in table(
-            told, "Means over time"
-        )
+        assert f"{name} 60 × 2 s adaptive{' not valid' * 6}" in table(told, "Means over time")
 
 
 def test_what_identify_did_not_write_is_refused(tmp_path):

@@ -40,7 +40,14 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
     for place, visit in enumerate(visits):
         look = {"color": style.PALETTE[place], "linestyle": style.STYLES[place % 4]}
         band = visit.lower, visit.upper
-        style.curve(axes, visit.time, visit.stiffness, band, label=visit.label, **look)
+        style.curve(
+            axes,
+            visit.time,
+            visit.stiffness,
+            band,
+            label=visit.label if len(visits) > 1 else None,
+            **look,
+        )
     axes.set(xlabel=style.REALIZATION_TIME, ylabel="stiffness (N·m/rad), 95 % band")
     if len(visits) > 1:
         _draw_means(grid[0, 1], visits)

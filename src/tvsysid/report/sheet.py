@@ -93,9 +93,12 @@ def write_sheet(path: str | Path, folders: Sequence[str | Path]) -> None:
     over = ", and over visits (circles: means with the mean half width of the band)" * several
     figure = {"sheet": Illustration(draw, f"Stiffness over time{over}")}
     is_valid = any(np.isfinite(visit.stiffness).any() for visit in visits)
+    # Of a single visit, the file says more than the folder of its results.
+    names = [f"{place}. {visit.label}" for place, visit in enumerate(visits, start=1)]
+    names = names if several else [known[0][1]["file"] or visits[0].label]
     rows = [
-        {"visit": f"{place}. {visit.label}", **json.loads(about["sheet"])}
-        for place, (visit, about) in enumerate(known, start=1)
+        {"visit": name, **json.loads(about["sheet"])}
+        for name, (_, about) in zip(names, known, strict=True)
     ]
     render(
         path,

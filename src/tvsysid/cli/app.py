@@ -10,7 +10,7 @@ import warnings
 from importlib import import_module
 from io import TextIOWrapper
 
-from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
+from cyclopts import App, CycloptsError, Parameter
 
 from tvsysid import __version__
 from tvsysid.cli.console import errors, output, remark
@@ -78,9 +78,6 @@ def main() -> None:
     except CycloptsError as error:
         error.verbose = False
         problem = str(error).partition(" Available commands")[0].rstrip(".")
-        if isinstance(error, UnusedCliTokensError):
-            tokens = ", ".join(error.unused_tokens or ())
-            problem = f"does not take {tokens} here; an option begins with its name"
         typed = " ".join(["tvsysid", *(error.command_chain or ())])
         code, text = 2, f"{problem} (see {typed} --help)"
     except OSError as error:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import attrs
 
-from tvsysid.cli.console import errors, say
+from tvsysid.cli.console import say
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
-from tvsysid.cli.results import show_study
+from tvsysid.cli.results import write_study
 from tvsysid.cli.running import command_line, opened, run_study, show_plan
 from tvsysid.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @attrs.frozen
@@ -118,19 +114,9 @@ def benchmark(
     if dry_run:
         for scenario in study.scenarios:
             say(scenario.label)
-        trials = f"{study.trials} trials of each of {len(study.scenarios)} scenarios"
-        return show_plan(study, workers, f"{trials}, seed {study.seed}")
+        count = len(study.scenarios)
+        draws = f"{study.trials} trials of each of {count} scenarios, seed {study.seed}"
+        return show_plan(study, workers, draws)
     with opened(workers) as executor:
         results = run_study(study, out, workers, executor)
-        return write(results, out, command_line(), executor)
-
-
-def write(results: xr.Dataset, out: Path, command: str, executor: Executor | None = None) -> int:
-    """Write tables, figures and report, print a summary, and return the exit code."""
-    from tvsysid.studies import published
-
-    literature = published(results)
-    with errors.status("scoring and drawing"):
-        written = literature.write(results, out, command, executor)
-    need = f"other scenarios: --preset {', '.join(literature.presets)}"
-    return show_study(written, results, out, "scenario", need)
+        return write_study(results, out, command_line(), executor)

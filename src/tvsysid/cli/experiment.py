@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import attrs
 
-from tvsysid.cli.console import errors, remark, shown_progress
+from tvsysid.cli.console import remark, shown_progress
 from tvsysid.cli.options import Flag, Flattened, Methods, WorkerOptions, Workers, given
-from tvsysid.cli.results import show_study
+from tvsysid.cli.results import write_study
 from tvsysid.cli.running import command_line, opened, run_study, show_plan
 from tvsysid.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from tvsysid.study import Prepared
 
 
 @attrs.frozen
@@ -123,19 +116,4 @@ def experiment(
             draws = f"{study.bootstraps} draws, seed {study.seed}"
             return show_plan(study, workers, draws, prepared)
         results = run_study(study, out, workers, executor, prepared)
-        return write(results, prepared, out, command_line(), executor)
-
-
-def write(
-    results: xr.Dataset,
-    prepared: Sequence[Prepared],
-    out: Path,
-    command: str,
-    executor: Executor | None = None,
-) -> int:
-    """Write tables, ensembles, figures and report, print a summary, and return the exit code."""
-    from tvsysid.studies.van_de_ruit_2021.experiment import write_experiment
-
-    with errors.status("scoring and drawing"):
-        written = write_experiment(results, prepared, out, command, executor)
-    return show_study(written, results, out, "perturbation", "what the report says")
+        return write_study(results, out, command_line(), executor, prepared)

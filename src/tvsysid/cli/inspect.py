@@ -104,7 +104,6 @@ def _show_diagnosis(
     method is recommended if the movement repeats.
     """
     from tvsysid.comparison import prepare
-    from tvsysid.quality import FAULTS
     from tvsysid.recommendation import recommend
     from tvsysid.report import write_diagnosis
     from tvsysid.report.diagnosis import recording_illustration
@@ -122,9 +121,7 @@ def _show_diagnosis(
         sensors = [each for each in recorded.checks if each.name in SENSOR_CHECKS]
         corrected = [fault for fault, _ in prepared.corrections]
         checks = {each.name: each for each in (*diagnosis.checks, *sensors, *corrected)}
-        diagnosis = attrs.evolve(
-            diagnosis, checks=tuple(checks[name] for name in FAULTS if name in checks)
-        )
+        diagnosis = attrs.evolve(diagnosis, checks=tuple(checks.values()))
         # A file may hold several pairs of channels. Each pair has its own page.
         stem = re.sub(r"[^\w.-]+", "_", f"{file.name}.{reading.angle}-{reading.torque}")
         page = folder / f"{stem}.diagnosis.html"

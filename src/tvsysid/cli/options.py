@@ -73,15 +73,15 @@ def use_saved_settings(app: App, commands: tuple[str, ...], arguments: ArgumentC
     from tvsysid.recordings.saved import saved_settings, settings_file
 
     typed = [Path(token.value) for name in FILES for token in tokens.get(name, ())]
-    files = [file for file in recordings_in(typed) if saved_settings(file)]
-    if not files:
+    found = {settings_file(file): saved_settings(file) for file in recordings_in(typed)}
+    known = [(source, settings) for source, settings in found.items() if settings]
+    if not known:
         return
-    saved, source = saved_settings(files[0]), settings_file(files[0])
-    for file in files:
-        if saved_settings(file) != saved:
+    source, saved = known[0]
+    for other, settings in known:
+        if settings != saved:
             raise InputError(
-                f"{source} and {settings_file(file)} differ; identify these recordings one at a "
-                "time"
+                f"{source} and {other} differ; identify these recordings one at a time"
             )
     channels = named_channels(saved.get("channels", ()))
     options = {option_name(name): value for name, value in saved.items()}

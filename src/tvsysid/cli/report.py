@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tvsysid.cli.benchmark import write as write_benchmark
 from tvsysid.cli.console import say_written
-from tvsysid.cli.experiment import write as write_experiment
 from tvsysid.cli.options import Flag
+from tvsysid.cli.results import write_study
 from tvsysid.errors import InputError
 
 
@@ -52,8 +51,4 @@ def report(folder: Path, /, *folders: Path, sheet: Flag = False) -> None:
             "repeat its command. `identify` and `plan` write all that they find at once; --sheet "
             "makes a sheet of folders of `identify`"
         )
-    results = read_results(folder)
-    if "recording" in results.dims:
-        write_experiment(results, (), folder, "")
-    else:
-        write_benchmark(results, folder, "")
+    write_study(read_results(folder), folder)

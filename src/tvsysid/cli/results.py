@@ -1,17 +1,18 @@
-"""Print the results of a study, and what became of its tasks."""
+"""Write and print the results of a study, and what became of its tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tvsysid.cli.console import remark, say, say_written, show_table
+from tvsysid.cli.console import errors, remark, say, say_written, show_table
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from tvsysid.studies.published_study import Written
+    from tvsysid.study import Prepared
 
 SCORES = {  # names and formats, by heading
     "method": "method",
@@ -34,22 +35,33 @@ UNITS = (
 )
 
 
-def show_study(written: Written, results: xr.Dataset, out: Path, by: str, need: str) -> int:
-    """Print what was written of a study, and return the exit code: 1 if a method failed.
+def write_study(
+    results: xr.Dataset,
+    out: Path,
+    command: str = "",
+    executor: Executor | None = None,
+    prepared: Sequence[Prepared] = (),
+) -> int:
+    """Write tables, figures and pages of a study, print its results, and return the exit code.
 
-    Parameters
-    ----------
-    by
-        Column of the summary with a table of scores for each value.
-    need
-        What the claims that were not studied need.
+    The code is 1 if a method failed. ``command`` is what was typed, ``prepared`` are the recordings
+    of an experiment. The processes of the ``executor`` draw.
     """
     from tvsysid.report import problems
+    from tvsysid.studies import published
 
+    is_experiment = "recording" in results.dims
+    with errors.status("scoring and drawing"):
+        if is_experiment:
+            from tvsysid.studies.van_de_ruit_2021.experiment import write_experiment
+
+            written = write_experiment(results, prepared, out, command, executor)
+        else:
+            written = published(results).write(results, out, command, executor)
     if written.answers is not None:
         columns = {name: name for name in map(str, written.answers)}
         show_table("stiffness to report", written.answers.to_dict("records"), columns)
-    groups = written.summary.groupby(by, sort=False)
+    groups = written.summary.groupby("perturbation" if is_experiment else "scenario", sort=False)
     for name, summary in list(groups)[:MAX_TABLES]:
         labels = [each for each in ("method", "realizations") if each in summary]
         scores = summary.pivot_table("value", labels, "metric", sort=False).reset_index()
@@ -58,12 +70,8 @@ def show_study(written: Written, results: xr.Dataset, out: Path, by: str, need: 
     if len(groups) > MAX_TABLES:
         say(f"and {len(groups) - MAX_TABLES} more in summary.csv and report.html")
     studied = written.claims[written.claims.verdict != "not studied"]
-    missing = len(written.claims) - len(studied)
-    title = f"published claims; {missing} more need {need}" if missing else "published claims"
+    title = f"published claims: {len(studied)} of {len(written.claims)} were studied"
     show_table(title, studied.to_dict("records"), {"claim": "claim", "verdict": "verdict"})
-    for label, diagnosis in written.diagnoses.items():
-        if names := ", ".join(finding.name for finding in diagnosis.findings):
-            remark("warning", f"{label}: {names} (diagnosis.html says what to do)")
     return show_end(out, written.files, problems(results))
 
 

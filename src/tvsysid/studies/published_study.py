@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import attrs
@@ -15,7 +14,6 @@ from tvsysid import figures
 from tvsysid.figures.results import scenario_traits
 from tvsysid.figures.saving import Illustration, draw_all, illustrated
 from tvsysid.figures.words import described
-from tvsysid.quality import Diagnosis
 from tvsysid.recordings.write import write_table
 from tvsysid.report import write_report
 from tvsysid.studies.claims import Claim, judge_claims, simulation_evidence
@@ -42,8 +40,6 @@ class Written(NamedTuple):
     """A row for each claim, with its verdict."""
     files: Sequence[str]
     """Names in the folder."""
-    diagnoses: Mapping[str, Diagnosis] = MappingProxyType({})
-    """Of an experiment: by recording."""
     answers: pd.DataFrame | None = None
     """Of an experiment: a row for each recording with the stiffness to report."""
 

@@ -20,7 +20,6 @@ from scipy.stats import t as student
 from tvsysid.figures.saving import draw_all
 from tvsysid.methods import PAPER_METHODS as FIVE
 from tvsysid.numerics import Array
-from tvsysid.quality import Diagnosis
 from tvsysid.recordings import write_ensemble, write_table
 from tvsysid.report import write_diagnosis, write_experiment_report
 from tvsysid.report.experiment import REPORTED, experiment_figures, stiffness_to_report
@@ -248,7 +247,6 @@ def write_experiment(
     if len(claims):
         tables["claims.csv"] = claims
     files = ["report.html", "figures/"]
-    diagnoses: dict[str, Diagnosis] = {}
     figures = experiment_figures(results, summary, prepared)
     pictures = draw_all(figures, folder / "figures", call_each)
     if prepared:
@@ -271,4 +269,4 @@ def write_experiment(
     answers = tables.get("answers.csv")
     page = folder / "report.html"
     write_experiment_report(page, results, summary, claims, pictures, command, answers)
-    return Written(summary, claims, [*files, *tables], diagnoses, answers)
+    return Written(summary, claims, [*files, *tables], answers)

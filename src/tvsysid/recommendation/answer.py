@@ -6,7 +6,7 @@ The command line, pages, notebooks, sheet and explorer show this answer.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Literal, TypeAlias
 
@@ -259,7 +259,7 @@ def judge_trust(
     faults = diagnosis.findings if isinstance(diagnosis, Diagnosis) else ()
     has_reference = any(item.kind == "reference" for item in method.inputs)
     unnamed = () if has_reference else recommendation.unnamed_references
-    loop = [] if has_reference else [_reason(each) for each in _of_severity(faults, "closed loop")]
+    loop = [] if has_reference else _reasons(faults, "closed loop")
     wrong = _invalidating_fault(model, faults)
     # With a wrong period, any channel seems to move the joint.
     if all(each.name != "wrong-period" for each in faults):
@@ -275,16 +275,21 @@ def judge_trust(
             wrong = [UNPREDICTED]
     if wrong:
         return "none", tuple(wrong[:MAX_REASONS])
-    reasons, cautions = [*loop, *_possible_faults(model, method, faults)], []
-    if not has_reference and measured.is_biased and not is_suited:
-        first = recommendation.suited[0]
-        reasons.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
-    elif not has_reference and measured.feedback > MIN_FEEDBACK_PERCENT:
-        cautions = [POSSIBLE_LOOP.format(measured.feedback)]
-    band = 2 * mean_of(half_width(model.band("stiffness")))
-    limit = np.fmax(MAX_SPREAD * mean_of(model.stiffness), band)
-    if not has_reference and spread > limit:
-        reasons.insert(0, WIDE_SPREAD.format(spread))
+    reflexes = [
+        f"Part of this stiffness is a stretch reflex: {each.what}. {each.fault.remedy}."
+        for each in faults
+        if each.name == "reflex" and has_one_pathway(method, model)
+    ]
+    reasons, cautions = [*loop, *reflexes, *_reasons(faults, "serious", "doubtful")], []
+    if not has_reference:
+        if measured.is_biased and not is_suited:
+            first = recommendation.suited[0]
+            reasons.insert(0, f"{sentence(recommendation.why)} Identify by --method {first}.")
+        elif measured.feedback > MIN_FEEDBACK_PERCENT:
+            cautions = [POSSIBLE_LOOP.format(measured.feedback)]
+        band = 2 * mean_of(half_width(model.band("stiffness")))
+        if spread > np.fmax(MAX_SPREAD * mean_of(model.stiffness), band):
+            reasons.insert(0, WIDE_SPREAD.format(spread))
     return "doubtful" if reasons else "good", (*reasons, *cautions)[:MAX_REASONS]
 
 
@@ -295,35 +300,28 @@ def _invalidating_fault(model: Model, faults: Iterable[Finding]) -> list[str]:
     times 57 is plausible, the angle's unit is the fault. Otherwise, channels are swapped, or
     the torque is another signal.
     """
-    invalid = _of_severity(faults, "invalid")
+    invalid = [each for each in faults if each.fault.severity == "invalid"]
     units = [each.name for each in invalid[:2]] == ["torque-unit", "angle-unit"]
     if units and math.degrees(invalid[0].value) > MIN_STIFFNESS:
         del invalid[0]
     if not invalid and (mean := mean_of(model.stiffness)) < 0:
         what = f"the mean stiffness is {mean:.3g} N·m/rad"
         invalid = [Finding("reversed-torque", mean, what)]
-    return [_reason(each) for each in invalid[:1]]
+    return _reasons(invalid[:1], "invalid")
 
 
-def _possible_faults(model: Model, method: Method, faults: Sequence[Finding]) -> Iterator[str]:
-    """Yield each fault that may make the stiffness wrong, with its remedy."""
-    reflexes = _of_severity(faults, "one pathway") if has_one_pathway(method, model) else []
-    for reflex in reflexes:
-        yield f"Part of this stiffness is a stretch reflex: {reflex.what}. {reflex.fault.remedy}."
-    for found in [*_of_severity(faults, "serious"), *_of_severity(faults, "doubtful")]:
-        if found.name != "delay" or abs(found.value) > MAX_DELAY_MS:
-            yield _reason(found)
+def _reasons(faults: Iterable[Finding], *severities: str) -> list[str]:
+    """Return each fault of these severities, its evidence and its remedy as sentences.
 
-
-def _of_severity(faults: Iterable[Finding], severity: str) -> list[Finding]:
-    """Return the faults of a severity in the order of the diagnosis: causes before effects."""
-    return [each for each in faults if each.fault.severity == severity]
-
-
-def _reason(finding: Finding) -> str:
-    """Return a fault, its evidence and its remedy as sentences."""
-    what = finding.what.partition(";")[0]
-    return f"{finding.fault.title}: {what}. {sentence(finding.fault.remedy)}"
+    Faults of one severity are in the order of the diagnosis: causes before effects.
+    """
+    return [
+        f"{each.fault.title}: {each.what.partition(';')[0]}. {sentence(each.fault.remedy)}"
+        for severity in severities
+        for each in faults
+        if each.fault.severity == severity
+        and (each.name != "delay" or abs(each.value) > MAX_DELAY_MS)
+    ]
 
 
 def sentence(text: str) -> str:

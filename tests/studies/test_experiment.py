@@ -13,6 +13,7 @@ from tvsysid.studies.van_de_ruit_2021.experiment import (
     SURVIVED,
     judge_experiment,
 )
+from tvsysid.study import score
 
 VAF = {"noise": {"eirf": 62, "sds": 52, "birf": 51, "esm": 50, "kbr": 67},
        "prbs": {"eirf": 87, "sds": 76, "birf": 75, "esm": 75, "kbr": 50}}  # fmt: skip
@@ -64,13 +65,17 @@ def results():
     return results_like_the_papers()
 
 
+def judged(results):
+    return judge_experiment(results, score(results))
+
+
 def verdicts(results):
-    return judge_experiment(results).set_index("claim").verdict
+    return judged(results).set_index("claim").verdict
 
 
 @pytest.mark.slow
 def test_results_like_the_papers_fulfil_every_claim(results):
-    table = judge_experiment(results)
+    table = judged(results)
     assert list(table.columns) == list(COLUMNS)
     assert len(table) == len(CLAIMS)
     assert set(table.verdict) == {"holds"}
@@ -153,11 +158,7 @@ def test_two_participants_decide_nothing(results):
 
 
 def test_limits_are_those_of_a_t_distribution_over_participants(results):
-    row = (
-        judge_experiment(results)
-        .set_index("claim")
-        .loc["kbr has more VAF with noise than with PRBS"]
-    )
+    row = judged(results).set_index("claim").loc["kbr has more VAF with noise than with PRBS"]
     kbr = results.vaf.isel(analysis=FIVE.index("kbr") * 2).mean("bootstrap").values
     difference = kbr[::2] - kbr[1::2]
     limits = ttest_1samp(difference, 0).confidence_interval(0.95)

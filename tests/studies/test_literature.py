@@ -14,17 +14,15 @@ from tvsysid.studies.closed_loop import (
     BIRF,
     ESM,
     OPEN,
-    SNR,
 )
-from tvsysid.studies.reflex import AMOUNTS, CONSTANT, GAIN, LOUD, NAMES, SINE
+from tvsysid.studies.reflex import FEW, GAIN, GAINS, LOUD, MANY, NAMES, NO_GAIN, SINE
 from tvsysid.study import Study, run, score, summarize
 
-LOOPS = [each for noise in SNR for each in closed_loop.sines(noise)]
+LOOPS = [each for each in studies.preset("closed-loop").scenarios if each.label in closed_loop.ALL]
 SLOW = LOOPS[4:5]  # on 30 N·m/rad, noise up to 5 Hz
-WIDE = LOOPS[8:]
 BY_LABEL = {scenario.label: scenario for scenario in studies.preset("reflex").scenarios}
-REFLEXES = [BY_LABEL[label] for label in (SINE, *CONSTANT.values(), LOUD, *AMOUNTS.values())]
-MANY = REFLEXES[-3:]
+REFLEXES = [BY_LABEL[label] for label in (SINE, NO_GAIN, *GAINS, LOUD, *FEW, MANY)]
+AMOUNTS = REFLEXES[-3:]
 
 
 def of_loops(place, method, metric):
@@ -35,12 +33,12 @@ def of_loops(place, method, metric):
 
 def of_reflexes(place, method, metric):
     """Numbers that fulfil every claim about reflexes."""
-    gain = dict(zip(CONSTANT.values(), CONSTANT, strict=True)).get(place.label, 8.0)
+    gain = dict(zip((NO_GAIN, *GAINS), NAMES, strict=True)).get(place.label, 8.0)
     if metric == "mean_bias":
         return 2.0 * gain + 0.5 if method in reflex.ONE_PATH else 0.1
     if metric == "total_error":
         return {"sdss": 5.0, "pc": 9.0}.get(method, 6.0)
-    if place in MANY:
+    if place in AMOUNTS:
         return {200.0: 4.0, 600.0: 3.0, 1200.0: 1.0}[place.duration_s]
     return {"sdss": 1.0, "pc": 2.0, "cascade": 0.1}.get(method, 1.5)
 
@@ -82,7 +80,7 @@ def test_claims_hold_where_numbers_are_as_claimed(of):
         ("reflexes", "birf", "mean_bias", -7.5, REFLEXES[2:3], "Methods of one pathway take"),
         ("reflexes", "kbr", "mean_bias", 60.0, REFLEXES[4:5], "They do so in proportion"),
         ("reflexes", "bpc", "mean_bias", 9.0, REFLEXES, "Methods of two pathways are free of it"),
-        ("reflexes", "tvpc:window=0", GAIN, 1.0, MANY[:1], "tvpc needs 500 to 800 realizations"),
+        ("reflexes", "tvpc:window=0", GAIN, 1.0, AMOUNTS[:1], "tvpc needs 500 to 800 realizations"),
         ("reflexes", "bpc", GAIN, 3.0, REFLEXES[:1], "Forty cycles suffice for bpc: r"),
         ("reflexes", "bpc", "total_error", 30.0, REFLEXES[:1], "Forty cycles suffice for bpc: s"),
         ("reflexes", "sdss", "total_error", 30.0, REFLEXES[5:6], "With much noise (0 dB)"),
@@ -115,7 +113,7 @@ def ticks(figure):
 
 @pytest.mark.slow
 def test_a_study_of_loops_is_drawn():
-    systems = [each.system for each in WIDE[:2]]
+    systems = [each.system for each in LOOPS[:2]]
     results, _, shown = run_preset(
         "closed-loop", system=systems, duration_s=20, trials=2, methods=["birf", BIRF]
     )

@@ -41,5 +41,5 @@ def preset(name: str, **settings: Any) -> Study:
 
 def published(results: xr.Dataset) -> PublishedStudy:
     """Return the claims for a simulation study: the paper's, if nothing else fits."""
-    kinds = {label.partition(":")[0] for label in results.system.values.tolist()}
+    kinds = {label.partition(":")[0] for label in results.system.values}
     return next((each for each in STUDIES if kinds <= {*each.systems}), STUDIES[0])

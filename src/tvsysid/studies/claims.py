@@ -18,15 +18,13 @@ import attrs
 import numpy as np
 
 from tvsysid.numerics import Array
-from tvsysid.study.scenarios import PERIOD, RATE
+from tvsysid.study.scenarios import PERIOD, RATE, Study
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
 COLUMNS = ("claim", "source", "finding", "estimate", "low", "high", "unit", "verdict", "remark")
-HOLDS, FAILS, UNDECIDED, NOT_STUDIED = "holds", "does not hold", "undecided", "not studied"
-RATIO = "ratio"  # unit of margins that are logarithms
 MIN_TRIALS = 10  # below which limits from resampled trials are too narrow
 TAIL = 0.025  # probability beyond either 95 % limit
 Key = tuple[str, ...]
@@ -81,7 +79,7 @@ class Margin:
     of
         Function that compares numbers.
     unit
-        ``RATIO`` if ``of`` returns the logarithm of a ratio. Empty for the unit of the numbers.
+        ``"ratio"`` if ``of`` returns the logarithm of one. Empty for the unit of the numbers.
     """
 
     low: float = -np.inf
@@ -91,14 +89,13 @@ class Margin:
 
     def __call__(self, *numbers: Array) -> list[Array]:
         """Return the samples of the margin to each finite bound."""
-        value = self.of(*numbers)
-        bounds = np.array([self.low, self.high])
-        low, high = np.log(bounds) if self.unit == RATIO else bounds
-        margins = ((low, value - low), (high, high - value))
-        return [margin for bound, margin in margins if np.isfinite(bound)]
+        value, bounds = self.of(*numbers), np.array([self.low, self.high])
+        low, high = np.log(bounds) if self.unit == "ratio" else bounds
+        margins = {low: value - low, high: high - value}
+        return [margin for bound, margin in margins.items() if np.isfinite(bound)]
 
 
-ratio = partial(Margin, of=log_ratio, unit=RATIO)
+ratio = partial(Margin, of=log_ratio, unit="ratio")
 """Margin of a ratio."""
 HIGHER, HIGHER_RATIO = Margin(0), ratio(1)
 """Margins by which the first of two numbers is higher: their difference, and their ratio."""
@@ -135,8 +132,8 @@ class Claim:
         """
         compared, methods, known = [], set(), evidence.values
         for margin, *axes in self.comparisons:
-            for place in product(*map(_several, axes)):
-                keys = list(product(*map(_several, place)))
+            for place in product(*map(np.atleast_1d, axes)):
+                keys = list(product(*map(np.atleast_1d, place)))
                 methods |= {key[1] for key in keys}
                 if known.keys() >= {*keys}:
                     unit = margin.unit or evidence.units[keys[0][0]]
@@ -150,6 +147,11 @@ class Claim:
         return [(each, unit, words) for margins, unit, words in compared for each in margins]
 
 
+def labels(**settings: Any) -> list[str]:
+    """Return the labels of the scenarios that a study with these settings has."""
+    return [each.label for each in Study(**settings).scenarios]
+
+
 def claim(sentence: str, source: str, *comparison: Any, **settings: Any) -> Claim:
     """Return the claim that is decided by combinations of one kind."""
     return Claim(sentence, source, [comparison], **settings)
@@ -161,11 +163,6 @@ def ranked(order: str) -> list[tuple[str, str]]:
     return [pair for high, low in pairwise(groups) for pair in product(high, low)]
 
 
-def _several(axis: Any) -> Any:
-    """Return an axis of one name as a list."""
-    return [axis] if isinstance(axis, str) else axis
-
-
 def judge_claims(claims: Iterable[Claim], evidence: Evidence) -> pd.DataFrame:
     """Return a row of ``COLUMNS`` for each claim."""
     import pandas as pd  # noqa: PLC0415  # heavy
@@ -173,7 +170,7 @@ def judge_claims(claims: Iterable[Claim], evidence: Evidence) -> pd.DataFrame:
     # Resampled trials may have no spread, and no logarithm
     with np.errstate(divide="ignore", invalid="ignore"):
         rows = [(row.sentence, row.source, *judged(row, evidence)) for row in claims]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def judged(row: Claim, evidence: Evidence) -> tuple[object, ...]:
@@ -183,26 +180,25 @@ def judged(row: Claim, evidence: Evidence) -> tuple[object, ...]:
     """
     margins = row.margins(evidence)
     if not margins:
-        return "", np.nan, np.nan, np.nan, "", NOT_STUDIED, ""
+        return "", np.nan, np.nan, np.nan, "", "not studied", ""
     limits, joint = (
         np.array([evidence.interval(samples, tail) for samples, *_ in margins])
         for tail in (TAIL, TAIL / len(margins))
     )
     holds, fails = limits[:, 1] > 0, joint[:, 2] < 0
-    verdict, agree = UNDECIDED, ~holds
+    verdict, agree, order = "undecided", ~holds, limits[:, 0]
     if fails.any():
-        verdict, agree = FAILS, fails
+        verdict, agree = "does not hold", fails
     elif holds.all():
-        verdict, agree = HOLDS, holds
-    order = limits[:, int(verdict == HOLDS)]
+        verdict, agree, order = "holds", holds, limits[:, 1]
     place = int(np.argmin(np.where(agree, order, np.inf)))  # one without results, if any
     _, unit, words = margins[place]
     return (
         f"{np.sum(agree)} of {len(margins)}: {words}",
-        *(np.exp(limits[place]) if unit == RATIO else limits[place]).tolist(),
+        *(np.exp(limits[place]) if unit == "ratio" else limits[place]),
         unit.replace("%", "percentage points"),
         verdict,
-        "" if verdict == HOLDS else row.disagreement,
+        "" if verdict == "holds" else row.disagreement,
     )
 
 
@@ -217,13 +213,12 @@ def simulation_evidence(scores: xr.Dataset) -> Evidence:
 
     study = json.loads(scores.attrs["study"])
     is_papers = (study["rate"], study["period"]) == (RATE, PERIOD)
-    has_limits = scores.trials.max() >= MIN_TRIALS
-    replicates = scores.replicates.fillna(scores.value).where(has_limits)
+    replicates = scores.replicates.fillna(scores.value).where(scores.trials.max() >= MIN_TRIALS)
     samples = xr.concat([scores.value, replicates], "replicate")
     samples = samples.stack(key=("metric", "method_key", "scenario")).transpose("key", "replicate")
     samples = samples[samples.asked.values & is_papers]
     values = dict(zip(samples.key.values, samples.values, strict=True))
-    return Evidence(values, scores.unit.to_series().to_dict(), replicate_interval)
+    return Evidence(values, scores.unit.to_series(), replicate_interval)
 
 
 def replicate_interval(samples: Array, tail: float) -> tuple[float, float, float]:

@@ -63,7 +63,7 @@ SCENARIOS = {
     ),
 }
 """Joints by their kind, in an order that the tables keep."""
-FILES = ("leaderboard.html", "leaderboard.csv")
+FILES = PAGE, TABLE = "leaderboard.html", "leaderboard.csv"
 
 
 def study_of(entries: Sequence[object] = (), **changes: Any) -> Study:
@@ -96,7 +96,7 @@ def errors_of(results: xr.Dataset) -> xr.DataArray:
     truth = own.get("trial_truth", own.truth)
     off = own.estimate.fillna(0.0) - truth
     errors: xr.DataArray = np.sqrt((off**2).mean("time")) / truth.mean("time")
-    return errors.clip(max=1.0).transpose("scenario", "trial", "method_key")
+    return errors.clip(max=1.0)
 
 
 def score_of(errors: Array) -> Array:
@@ -147,18 +147,19 @@ def standings(results: xr.Dataset, groups: dict[str, list[str]]) -> pd.DataFrame
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
+    order = np.argsort(score_of(errors_of(results).values), kind="stable")
+    results = results.isel(method_key=order)
     errors, held = errors_of(results), results.covered.sel(quantity=MAIN)
-    parts = groups | {label: [label] for labels in groups.values() for label in labels}
+    parts = groups | {label: [label] for label in results.scenario.values}
     columns = {
+        "rank": ranks_of(errors.values),
         "entry": results.method_key,
         "score": score_of(errors.values),
         "score_error": standard_error(influence_of(errors.values)),
         "coverage": 100 * held.mean(["trial", "time"]).mean("scenario"),
         **{name: score_of(errors.sel(scenario=part).values) for name, part in parts.items()},
     }
-    table = pd.DataFrame(columns).sort_values("score", kind="stable")
-    table.insert(0, "rank", ranks_of(errors.values[..., table.index]))
-    return table.reset_index(drop=True)
+    return pd.DataFrame(columns)
 
 
 def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.DataFrame:
@@ -171,24 +172,26 @@ def write_leaderboard(study: Study, results: xr.Dataset, folder: Path) -> pd.Dat
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    rows = [(kind, *each) for kind, every in SCENARIOS.items() for each in every]
-    scenarios = pd.DataFrame(rows, columns=["kind", *Scenario._fields])
+    scenarios = pd.DataFrame(
+        [{"kind": kind} | each._asdict() for kind, every in SCENARIOS.items() for each in every]
+    )
     scenarios.insert(0, "number", scenarios.index + 1)
     groups = {kind: [each.label for each in every] for kind, every in SCENARIOS.items()}
     table = standings(results, groups)
     # Whoever is later given the seed can check that it is the same one
     seed_text = f"tvsysid leaderboard {VERSION} seed {study.seed}"
-    write_table(folder / FILES[1], table)
+    write_table(folder / TABLE, table)
     picture = illustrated(
         figures.leaderboard,
-        *(table, groups),
+        table,
+        groups,
         title="Scores and errors",
         text="Left: rank, and score with two standard errors to either side. Right: error in each "
         "scenario, in per cent of the mean stiffness, the darker the smaller, numbered as in the "
-        f"table of scenarios. {FILES[1]} has the same numbers.",
+        f"table of scenarios. {TABLE} has the same numbers.",
     )
     render(
-        folder / FILES[0],
+        folder / PAGE,
         "leaderboard.html",
         standings=table.drop(columns=results.scenario.values),
         scenarios=scenarios,

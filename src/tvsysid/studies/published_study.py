@@ -63,8 +63,8 @@ class PublishedStudy:
         group that shares its figures, and the size of what the bias depends on.
     size
         What that size is, with its unit.
-    further
-        From results, return further figures.
+    of_square_wave
+        Further figures of a study with a square wave.
     """
 
     systems: Sequence[str]
@@ -73,7 +73,7 @@ class PublishedStudy:
     claims: Sequence[Claim]
     grouped: Callable[[xr.Dataset, pd.DataFrame], tuple[Any, Any]]
     size: str = ""
-    further: Callable[[xr.Dataset], dict[str, Illustration]] = lambda _: {}
+    of_square_wave: dict[str, Illustration] = attrs.field(factory=dict)
 
     def judge(self, scores: xr.Dataset) -> pd.DataFrame:
         """Return a row for each claim, from scores as of :func:`tvsysid.study.score`.
@@ -105,16 +105,17 @@ class PublishedStudy:
         bias = summary[summary.metric == "mean_bias"]
         for name, rows in traits.groupby("group", sort=False):
             labels = list(rows.index[rows.methods == rows.methods.max()])
-            shown[f"comparison-{name}"] = comparison(results, summary, labels)
+            stem = str(name).replace(" ", "")
+            shown[f"comparison-{stem}"] = comparison(results, summary, labels)
             first = rows["size"].drop_duplicates()
-            points = bias.assign(size=bias.scenario.map(first)).dropna(subset=["size", "value"])
+            points = bias.join(first, on="scenario", how="inner")
             if len(first) > 1:
                 title = f"Bias of the stiffness against the {self.size}, {name}"
                 text = "A line for each method, with standard errors."
-                shown[f"bias-{name}"] = illustrated(
+                shown[f"bias-{stem}"] = illustrated(
                     figures.error_against, self.size, points, title=title, text=text
                 )
-        return shown | self.further(results)
+        return shown | self.of_square_wave if "square" in results.profile else shown
 
     def write(
         self,
@@ -143,7 +144,7 @@ class PublishedStudy:
         pictures = draw_all(self.figures(results, summary), folder / "figures", call_each)
         page = folder / "report.html"
         write_report(page, results, summary, claims, pictures, command, self.says)
-        return Written(summary, claims, ("report.html", *tables, "figures/"))
+        return Written(summary, claims, (page.name, *tables, "figures/"))
 
 
 def comparison(results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str]) -> Illustration:
@@ -154,7 +155,10 @@ def comparison(results: xr.Dataset, summary: pd.DataFrame, labels: Sequence[str]
     metrics = figures.METRICS_OF_PATHWAYS if is_reflex else figures.METRICS
     return illustrated(
         partial(figures.method_comparison, metrics=metrics),
-        *(results.sel(method_key=rows.method.unique()), rows, shown, labels),
+        results.sel(method_key=rows.method.unique()),
+        rows,
+        shown,
+        labels,
         title=f"Methods compared: {described(scenario_traits(results).loc[shown].to_dict())}",
         text=COMPARISON.format(shown),
     )

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import sem
 from scipy.stats import t as student
 
 from tvsysid.figures.saving import draw_all
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-FOUR = ("eirf", "sds", "birf", "esm")
+FOUR = FIVE[:4]  # all but kbr
 MIN_PARTICIPANTS = 3  # below which nothing is decided
 RECORDED = 300  # realizations from each of the paper's participants under either perturbation
 SURVIVED = {"noise": (260, 12), "prbs": (255, 14)}
@@ -55,13 +54,19 @@ EXCLUDED = {
 """Range over the paper's participants of what each step excluded (section 4.1.5)."""
 ANY_METHOD, ALL_DATA = "any method", "all data"  # that counts of realizations belong to
 LESS, MORE = "less data", "more data"
-SCORES = {"vaf": "%", "bandpassed_vaf": "%", "random_error": "N·m/rad", "mean": "N·m/rad"}
-UNITS = SCORES | dict.fromkeys(COUNTED, "realizations")
-UNITS |= {"correlation_with_torque": "", "vaf_dip": "%"}
+UNITS = {
+    "vaf": "%",
+    "bandpassed_vaf": "%",
+    "vaf_dip": "%",
+    "random_error": "N·m/rad",
+    "mean": "N·m/rad",
+    "correlation_with_torque": "",
+    **dict.fromkeys(COUNTED, "realizations"),
+}
 """Unit of each quantity."""
 
 
-def experiment_evidence(results: xr.Dataset) -> Evidence:
+def experiment_evidence(results: xr.Dataset, scores: xr.Dataset) -> Evidence:
     """Return the numbers of participants by quantity, method, perturbation and amount of data.
 
     Counts are of 300 realizations, as in the paper. Numbers that no participant has are left out.
@@ -70,20 +75,19 @@ def experiment_evidence(results: xr.Dataset) -> Evidence:
 
     rank = results.realizations.to_series().groupby(results.method_key.to_series()).rank()
     amounts = ("analysis", rank.map({1.0: LESS, 2.0: MORE}))
-    counts = RECORDED * results[[*COUNTED]] / results.recorded.where(results.recorded > 0)
+    counts = RECORDED * results[[*COUNTED]] / results.recorded
     parts = (
         counts.assign_coords(method_key=ANY_METHOD, amount=ALL_DATA),
-        analysis_quantities(results).assign_coords(amount=amounts),
+        analysis_quantities(results, scores).assign_coords(amount=amounts),
     )
     table = pd.concat([part.to_dataframe().reset_index() for part in parts])
     kinds = ["method_key", "perturbation", "amount"]
     table = table.dropna(subset="amount").pivot(index="participant", columns=kinds, values=[*UNITS])
-    known = table.dropna(axis=1, how="all").astype(float)
-    values = dict(zip(known, known.to_numpy().T, strict=True))
-    return Evidence(values, UNITS, participant_interval)
+    known = table.dropna(axis=1, how="all")
+    return Evidence(known.to_dict("series"), UNITS, participant_interval)
 
 
-def analysis_quantities(results: xr.Dataset) -> xr.Dataset:
+def analysis_quantities(results: xr.Dataset, scores: xr.Dataset) -> xr.Dataset:
     """Return the quantities of each recording's analyses.
 
     ``vaf_dip`` is the time-varying VAF at a period's quarters less that at its ends and middle, a
@@ -91,22 +95,23 @@ def analysis_quantities(results: xr.Dataset) -> xr.Dataset:
     """
     import xarray as xr  # noqa: PLC0415  # heavy
 
-    own, time = results.sel(quantity=["stiffness"]), results.time.values
+    time, vaf = results.time.values, results.time_varying_vaf.mean("bootstrap")
     turn, near = np.cos(4 * np.pi * time / (time[-1] + time[1])), np.cos(np.pi / 5)
-    mean = own.estimate.sel(quantity="stiffness", drop=True).mean("bootstrap")
-    vaf = own.time_varying_vaf.mean("bootstrap")
-    scores: xr.Dataset = score(own).value.drop_vars("unit").to_dataset("metric")[[*SCORES]]
-    return scores.assign(
+    stiffness = results.estimate.sel(quantity="stiffness", drop=True).mean("bootstrap")
+    values: xr.Dataset = scores.value.drop_vars("unit").to_dataset("metric")
+    return values.assign(
         vaf_dip=vaf[..., turn < -near].mean("time") - vaf[..., turn > near].mean("time"),
-        correlation_with_torque=xr.corr(mean, own.mean_torque, "time"),
+        correlation_with_torque=xr.corr(stiffness, results.mean_torque, "time"),
     )
 
 
 def participant_interval(samples: Array, tail: float) -> tuple[float, float, float]:
     """Return mean and limits of a t distribution over participants; no limits of two or fewer."""
-    known = samples[np.isfinite(samples)]
-    mean, count = known.mean() if len(known) else np.nan, len(known)
-    width = student.isf(tail, count - 1) * sem(known) if count >= MIN_PARTICIPANTS else np.nan
+    import pandas as pd  # noqa: PLC0415  # heavy
+
+    known = pd.Series(samples).dropna()
+    error = known.sem() if len(known) >= MIN_PARTICIPANTS else np.nan
+    mean, width = known.mean(), student.isf(tail, len(known) - 1) * error
     return mean, mean - width, mean + width
 
 
@@ -204,18 +209,16 @@ CLAIMS = (
 """In the order of the paper."""
 
 
-def judge_experiment(results: xr.Dataset) -> pd.DataFrame:
-    """Return a row for each claim, as :meth:`PublishedStudy.judge`, from an experiment's results.
+def judge_experiment(results: xr.Dataset, scores: xr.Dataset) -> pd.DataFrame:
+    """Return a row for each claim, as :meth:`PublishedStudy.judge`, for an experiment.
 
-    Limits are over participants. There are no rows if the protocol is not the paper's: filtered
-    noise or PRBS, realizations of 2 s at 128 Hz, aligned to a torque that was followed.
+    Scores are those of the results, as of :func:`tvsysid.study.score`. Limits are over
+    participants. There are no rows if the protocol is not the paper's: filtered noise or PRBS,
+    realizations of 2 s at 128 Hz, aligned to a torque ``target`` that was followed.
     """
-    settings = json.loads(results.attrs["experiment"])
-    made = settings.get("preparation", PREPARATION)
-    target = {"reference": PREPARATION["reference"]}
-    is_followed = made["reference"] and made | target == PREPARATION
-    is_papers = is_followed and {*results.perturbation.values} <= {*SURVIVED}
-    return judge_claims(CLAIMS if is_papers else (), experiment_evidence(results))
+    made = json.loads(results.attrs["experiment"]).get("preparation", PREPARATION)
+    is_papers = made == PREPARATION and {*results.perturbation.values} <= {*SURVIVED}
+    return judge_claims(CLAIMS if is_papers else (), experiment_evidence(results, scores))
 
 
 def write_experiment(
@@ -239,34 +242,32 @@ def write_experiment(
     """
     import pandas as pd  # noqa: PLC0415  # heavy
 
-    results = results.load()
     call_each = executor.map if executor else map
     found = stiffness_to_report(prepared, results, call_each)
-    summary, claims = summarize(results), judge_experiment(results)
-    tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}
-    if len(claims):
-        tables["claims.csv"] = claims
-    files = ["report.html", "figures/"]
+    scores = score(results)
+    summary, claims = summarize(scores), judge_experiment(results, scores)
     figures = experiment_figures(results, summary, prepared)
     pictures = draw_all(figures, folder / "figures", call_each)
+    tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}
+    files = ["report.html", "figures/"]
+    if len(claims):
+        tables["claims.csv"] = claims
     if prepared:
         reported = list(found)
         rows = [each[: len(REPORTED)] for each in reported]
         tables["answers.csv"] = pd.DataFrame(rows, columns=REPORTED)
+        tables["exclusions.csv"] = exclusions(prepared)
         diagnoses = {each.recording: each.diagnosis for each in reported if each.diagnosis}
         seen = {each.recording: each.picture for each in reported if each.picture}
-        tables["exclusions.csv"] = exclusions(prepared)
+        write_diagnosis(folder / "diagnosis.html", diagnoses, command, pictures=seen)
         for each in prepared:
             if each.ensemble:
-                file = folder / "prepared" / f"{each.recorded.label}.nc"
-                write_ensemble(file, each.ensemble)
-        write_diagnosis(folder / "diagnosis.html", diagnoses, command, pictures=seen)
+                write_ensemble(folder / "prepared" / f"{each.recorded.label}.nc", each.ensemble)
         files += ["prepared/", "diagnosis.html"]
-    elif (file := folder / "answers.csv").exists():
-        tables["answers.csv"] = pd.read_csv(file, keep_default_na=False)
     for name, table in tables.items():
         write_table(folder / name, table)
-    answers = tables.get("answers.csv")
+    file = folder / "answers.csv"  # may be of an earlier call, which had the recordings
+    answers = pd.read_csv(file, dtype=str, keep_default_na=False) if file.exists() else None
     page = folder / "report.html"
     write_experiment_report(page, results, summary, claims, pictures, command, answers)
     return Written(summary, claims, [*files, *tables], answers)

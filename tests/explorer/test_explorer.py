@@ -123,7 +123,9 @@ def test_an_experiment_gives_the_same_answer_by_default(recording, tvsysid, is_f
     found = shown.found
     assert repr(found) in tvsysid(*shlex.split(settings.command)[1:])[1]
     (prepared,) = prepared_recordings(Experiment.from_toml("study.toml"))
-    assert [*prepared.remarks] == [each for each in shown.prepared.notes if "gaps" not in each]
+    assert [*prepared.remarks] == [
+        each for each in map(str, shown.prepared.corrections) if "gaps" not in each
+    ]
     assert len(prepared.remarks) == 2 * is_faulty
     again = tv.compare(prepared.ensemble)
     assert repr(again) == repr(found)

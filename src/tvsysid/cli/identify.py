@@ -179,8 +179,8 @@ def _identify_one(
             found = attrs.evolve(found, held_out=found.predict_held_out(progress=advance))
         written = write_folder(out, found, prepared, command_line(), options.sheet)
         say(repr(found))
-        for note in prepared.notes:
-            say(note)
+        for correction in prepared.corrections:
+            say(str(correction))
         _show_diagnosis(found)
         _show_settings(found)
         say_written(out, written)

@@ -130,8 +130,8 @@ def _show_diagnosis(
         write_diagnosis(page, {name: diagnosis}, command_line(), pictures)
         found = recommend(prepared.ensemble, reference, diagnosis=diagnosis) if repeats else None
     say(f"{name}: {diagnosis!r}")
-    for note in prepared.notes:
-        say(note)
+    for correction in prepared.corrections:
+        say(str(correction))
     if found:
         say(repr(found))
     say(f"wrote {page}")

@@ -124,8 +124,8 @@ def _pilot(file: Path, reading: Reading, segmentation: Segmentation) -> Protocol
 
     cutting = attrs.evolve(segmentation, period=segmentation.period or PERIOD_S)
     prepared = prepare(file, **attrs.asdict(reading), **attrs.asdict(cutting))
-    for note in prepared.notes:
-        say(note)
+    for correction in prepared.corrections:
+        say(str(correction))
     for found in prepared.diagnose().findings:
         if found.fault.severity == "invalid":
             raise InputError(

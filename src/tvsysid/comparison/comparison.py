@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDS = 5
+NAMED_INPUTS: tuple[Kind, ...] = "reference", "scheduling"  # kinds whose channel the user names
 ROUNDING = 1e-9  # relative; a quantity that varies less is constant
 SUMMARY = ["method", "stiffness (N·m/rad)", "half_band (N·m/rad)", "lowest (N·m/rad)"]
 SUMMARY += ["lowest at (s)", "highest (N·m/rad)", "highest at (s)", "viscosity (N·m·s/rad)"]
@@ -112,7 +113,7 @@ class Comparison:
     @cached_property
     def recommendation(self) -> Recommendation:
         """Recommended method for the ensemble, given the channels that the methods use."""
-        channels = (self.inputs.get(kind) for kind in ("reference", "scheduling"))
+        channels = map(self.inputs.get, NAMED_INPUTS)
         recommended = recommend(self.ensemble, *channels, diagnosis=self.diagnosis)
         unnamed = (*self.unnamed_references, *recommended.unnamed_references)
         return attrs.evolve(recommended, unnamed_references=unnamed)

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import attrs
 
-from tvsysid.comparison.comparison import Comparison
+from tvsysid.comparison.comparison import NAMED_INPUTS, Comparison
 from tvsysid.comparison.preparation import PreparedRecording
 from tvsysid.errors import (
     DataQualityWarning,
@@ -31,8 +31,6 @@ from tvsysid.models import Model
 from tvsysid.numerics.threads import single_thread
 from tvsysid.progress import Progress, no_progress
 from tvsysid.signals import Array, Ensemble
-
-ROLES = {"reference", "scheduling"}  # kinds of input whose channel the user names
 
 
 def compare(
@@ -130,7 +128,7 @@ def compare(
     inputs, diagnosis = found.inputs, None
     with suppress(InputError):  # the data are too short
         diagnosis = prepared.diagnose(inputs.get("reference"))
-    unnamed = () if inputs.keys() & ROLES else prepared.unnamed_references()
+    unnamed = () if inputs.keys() & NAMED_INPUTS else prepared.unnamed_references()
     return attrs.evolve(found, diagnosis=diagnosis, unnamed_references=tuple(unnamed))
 
 

@@ -26,7 +26,6 @@ from tvsysid.recordings.saved import saved_settings
 from tvsysid.signals import Ensemble, Recording
 
 SIGNIFICANCE = 0.05  # p-value below which one candidate predicts better than another
-MIN_REALIZATIONS = 2  # to predict one by the others
 PIECE_S = 2.0  # duration of the pieces in which a single realization is diagnosed
 MAX_TESTED_CHANNELS = 8
 
@@ -53,7 +52,8 @@ class PreparedRecording:
     ensemble
         Realizations without their mean; a single one keeps its mean.
     corrections
-        Faults that were found and corrected; of a delay, all of it, half or none.
+        Faults that were found and corrected; of a delay, all of it, half or none. The text of each
+        is a sentence with numbers.
     file, reading
         File, and how it was read. ``file`` is None for a recording that was not read here.
     """
@@ -64,13 +64,8 @@ class PreparedRecording:
     file: Path | None
     reading: Reading
 
-    @property
-    def notes(self) -> list[str]:
-        """The corrections as sentences, with numbers."""
-        return [*map(str, self.corrections)]
-
     def __repr__(self) -> str:
-        return "\n".join([repr(self.ensemble), *self.notes])
+        return "\n".join(map(str, [self.ensemble, *self.corrections]))
 
     def center(self, channels: Iterable[str]) -> PreparedRecording:
         """Subtract the mean of these channels, if that of angle and torque is subtracted."""
@@ -204,7 +199,7 @@ def delay_to_correct(
     delays = delay * np.array([0.0, 0.5, 1.0])
     ensembles = [cut(preprocess.align_channels(recording, each)) for each in delays]
     count = min(map(len, ensembles))
-    if count < MIN_REALIZATIONS:
+    if count == 1:
         return delay, "all of it is corrected"
     with single_thread(), without_quality_warnings():
         adaptive = AdaptiveRegression()

@@ -66,4 +66,4 @@ def _prepare(settings: Settings, changed: int) -> tuple[PreparedRecording, tuple
         warnings.simplefilter("always", DataQualityWarning)
         prepared = prepare(settings.source, **settings.preparation)
     messages = (str(each.message) for each in caught)
-    return prepared, tuple(dict.fromkeys((*prepared.notes, *messages)))
+    return prepared, tuple(dict.fromkeys((*map(str, prepared.corrections), *messages)))

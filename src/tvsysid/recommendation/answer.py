@@ -170,7 +170,10 @@ def answer(
     """
     suited = recommendation.select({label: methods[label] for label in models})
     adaptive = [label for label, each in models.items() if isinstance(each, AdaptiveModel)]
-    vafs = {name: _known_vaf(each, held_out_vaf.get(name)) for name, each in models.items()}
+    vafs = {
+        name: _known_vaf(each, held_out_vaf.get(name, np.array([])))
+        for name, each in models.items()
+    }
     means = {name: mean_of(each) for name, each in vafs.items()}
     best = max(means, key=lambda name: np.nan_to_num(means[name], nan=-np.inf))
     label = [*suited, *adaptive, best][0]
@@ -183,9 +186,9 @@ def answer(
     return Answer(label, model, label in [*suited, *adaptive], trust, reasons, means, spread)
 
 
-def _known_vaf(model: Model, held_out: Array | None) -> Array:
+def _known_vaf(model: Model, held_out: Array) -> Array:
     """Return the finite held-out VAFs or, if there are none, the VAF of the method's own folds."""
-    known = np.array([]) if held_out is None else held_out[np.isfinite(held_out)]
+    known = held_out[np.isfinite(held_out)]
     return known if known.size else np.array([model.diagnostics.details.get("vaf_folds", np.nan)])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from operator import itemgetter
 
 import attrs
 import numpy as np
@@ -11,14 +10,15 @@ import numpy as np
 from tvsysid.methods.base import whole_samples
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, TwoPathwayModel, history
+from tvsysid.methods.cascade.pathways import Stretch, TwoPathwayModel, driven, history
+from tvsysid.methods.cascade.reflex_test import reflex_test_of
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.alternation import Lagged, Solver, alternate, solve_by_basis
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, FourierSeries
 from tvsysid.numerics.moments import convolve_lags, sliding_sum
-from tvsysid.numerics.pseudoinverse import solve_regularized, truncated
+from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import not_negative, optional, positive, text
 
@@ -27,6 +27,7 @@ MIN_REALIZATIONS = 3  # with their past: of fewer there is nothing to average ov
 MAX_PRODUCTS = 2**26  # of lagged signals at all times: 0.5 GiB for each direction of stretch
 
 
+@attrs.frozen
 class AlternatingCascade(TwoPathwayMethod):
     """Identify each pathway in turn from the torque that the other pathway leaves.
 
@@ -37,12 +38,16 @@ class AlternatingCascade(TwoPathwayMethod):
     not recorded are left out.
     """
 
-    max_lag: float
-    memory: float
-    basis: Basis = FourierSeries(0)  # a constant
+    max_lag: float = attrs.field(default=0.04, validator=positive)
+    memory: float = attrs.field(default=0.5, validator=positive)
 
     begins_late = True  # whether the reflex's response begins where the intrinsic one ends
     min_gain = 1e-5  # share of the torque's square by which a turn must improve the fit
+
+    @property
+    def basis(self) -> Basis:
+        """Return the basis functions by which both responses change."""
+        return FourierSeries(0)  # a constant
 
     @property
     def one_pathway(self) -> BasisIRF | ShortDataSegments:
@@ -73,34 +78,19 @@ class AlternatingCascade(TwoPathwayMethod):
         """Return the model of an ensemble."""
         lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
         first = lags if self.begins_late and self.emg is None else 0
-        drives = (
-            [Stretch(emg=self.emg)] if self.emg else [Stretch(0.0, each) for each in DIRECTIONS]
-        )
-        known = ~np.isnan(history(ensemble, ensemble.angle, before)).any(axis=1)
-        kept, core = ensemble.select(known), ensemble.core
-        angle, torque = kept.angle[:, core.start - lags : core.stop + lags], kept.torque[:, core]
-        tried = []
-        for drive in drives:
-            past = history(ensemble, drive(ensemble), before)
-            past = past - mean_known(past) if ensemble.mean_subtracted else past
-            past = past[known, : before - first + ensemble.samples]
-            lagged = Lagged.of(angle, past, torque)
-            gram, cross = lagged.gram.sum(axis=0), lagged.cross.sum(axis=0)
-            explained = float(cross @ solve_regularized(gram, cross))
-            tried.append((explained, drive, past, lagged))
-        _, drive, past, lagged = max(tried, key=itemgetter(0))
-        weights = alternate(lagged, self.solver(ensemble), self.min_gain)
-        reflex = weights[:, lagged.lags :]
-        left = torque - convolve_lags(past, reflex)
-        without_reflex = attrs.evolve(
-            kept,
-            angle=angle,
-            torque=np.pad(left, ((0, 0), (lags, lags))),
-            recorded_angle=None,
-            channels={},
-            context=lags,
-        )
-        intrinsic = self.one_pathway.fit(without_reflex)
+        direction = reflex_test_of(ensemble).direction if self.emg is None else 1
+        drive = Stretch(direction=direction, emg=self.emg)
+        past = driven(ensemble, drive, before)[:, : before - first + ensemble.samples]
+        known = np.isfinite(past).all(axis=1)
+        past = (past - mean_known(past))[known]
+        reach = slice(ensemble.core.start - lags, ensemble.core.stop + lags)
+        kept = ensemble.select(known)
+        kept = attrs.evolve(kept, **kept.mapped(lambda values: values[:, reach]), context=lags)
+        torque = kept.torque.copy()
+        lagged = Lagged.of(kept.angle, past, torque[:, kept.core])
+        reflex = alternate(lagged, self.solver(ensemble), self.min_gain)[:, lagged.lags :]
+        torque[:, kept.core] -= convolve_lags(past, reflex)
+        intrinsic = self.one_pathway.fit(attrs.evolve(kept, torque=torque))
         gain = {"reflex_gain": Estimate(reflex.sum(axis=1), drive.gain_unit)}
         error = StandardError.none(ensemble.samples, NO_BAND)
         known = attrs.fields(type(intrinsic))
@@ -142,7 +132,7 @@ class ParallelCascade(AlternatingCascade):
 
     Notes
     -----
-    The direction s of stretch is the one that explains more of the torque. ``reflex_gain`` is the
+    The direction s of stretch is the one with the larger gain. ``reflex_gain`` is the
     area under the reflex's response, in N·m·s/rad.
 
     It is :class:`BasisCascade` with a constant instead of basis functions: each response has one
@@ -158,9 +148,6 @@ class ParallelCascade(AlternatingCascade):
     ----------
     Kearney, Stein & Parameswaran 1997, IEEE Trans. Biomed. Eng. 44, 493-504.
     """
-
-    max_lag: float = attrs.field(default=0.04, validator=positive)
-    memory: float = attrs.field(default=0.5, validator=positive)
 
     key = "pc"
     title = "Parallel cascade"
@@ -207,7 +194,7 @@ class BasisCascade(AlternatingCascade):
 
     Notes
     -----
-    The direction of stretch is the one that explains more of the torque. ``reflex_gain`` is the
+    The direction of stretch is the one with the larger gain. ``reflex_gain`` is the
     area under the reflex's response at a time, in N·m·s/rad (with EMG, torque by the unit of EMG).
     It belongs to the time of the torque, which follows the stretch by the mean lag of the muscle.
 
@@ -229,8 +216,6 @@ class BasisCascade(AlternatingCascade):
     Rehabil. Eng. 26.
     """
 
-    max_lag: float = attrs.field(default=0.04, validator=positive)
-    memory: float = attrs.field(default=0.5, validator=positive)
     basis: Basis = attrs.field(factory=CubicBSplines, validator=A_BASIS)
     emg: str | None = attrs.field(default=None, validator=optional(text))
 
@@ -285,8 +270,6 @@ class EnsembleCascade(AlternatingCascade):
     Ludvig, Starret Visser, Giesbrecht & Kearney 2011, IEEE Trans. Biomed. Eng. 58, 1715-1723.
     """
 
-    max_lag: float = attrs.field(default=0.04, validator=positive)
-    memory: float = attrs.field(default=0.5, validator=positive)
     window: float = attrs.field(default=0.10, validator=not_negative)
 
     key = "tvpc"
@@ -313,12 +296,8 @@ class EnsembleCascade(AlternatingCascade):
         half = whole_samples(self.window / 2, ensemble)
 
         def solve(gram: Array, cross: Array, square: Array, realizations: int) -> Array:
-            count = sliding_sum(np.full(len(square), float(realizations)), half, half)
-            # Time is the last axis of a transpose, where it is divided by the count.
-            phi, mean, power = (
-                np.swapaxes(sliding_sum(each, half, half).T / count, 0, -1)
-                for each in (gram, cross, square)
-            )
-            return truncated(phi, mean, power, count).weights
+            every = gram, cross, square, np.full(len(square), float(realizations))
+            gram, cross, square, samples = (sliding_sum(each, half, half) for each in every)
+            return truncated(gram, cross, square, samples).weights
 
         return solve

@@ -264,15 +264,15 @@ def _details(selection: Selection) -> dict[str, float]:
     _, fit, used = selection
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
-    errors *= np.where(IS_LOG, values, 1.0)[fit.free]
+    errors *= np.where(IS_LOG, values, 1.0)[: fit.free]
     details = {
         "reflex_detected": float(selection.shown),
         "constant": float(used.data.harmonics == 0),
         "vaf_held_out": 100 * used.share(),
     }
     details |= dict(zip(SHAPE_NAMES, values.tolist(), strict=True))
-    details |= {f"{SHAPE_NAMES[n]}_error": float(e) for n, e in zip(fit.free, errors, strict=True)}
-    return details
+    names = (f"{name}_error" for name in SHAPE_NAMES)
+    return details | dict(zip(names, errors.tolist(), strict=False))
 
 
 def _warnings(

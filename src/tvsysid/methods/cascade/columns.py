@@ -95,7 +95,7 @@ def unresolved(ensemble: Ensemble) -> Array:
         fast = keep_every(filtered(recorded.reshape(len(recorded), -1), filters), ratio)
         few_lags = intrinsic_filters(rate)[1:3]
         slow = filtered(ensemble.angle, few_lags)
-        reach = max(few_lags.shape[1] // 2, -(-(RECORDED_HALF_WIDTH + TAPS // 2) // ratio))
+        reach = few_lags.shape[1] // 2 + (RECORDED_HALF_WIDTH + TAPS // 2) // ratio
         out[..., reach:-reach] = (fast - slow)[..., reach:-reach]
     return out
 
@@ -172,8 +172,8 @@ class Data:
     @property
     def lags(self) -> Array:
         """Return the lags of the intrinsic response in s."""
-        reach = self.filters.shape[1] // 2
-        return np.arange(-reach, reach + 1) / self.ensemble.sampling_rate
+        count = self.filters.shape[1]
+        return np.asarray((np.arange(count) - count // 2) / self.ensemble.sampling_rate)
 
     @property
     def readout(self) -> Array:
@@ -208,13 +208,12 @@ class Data:
     @property
     def sizes(self) -> list[int]:
         """Return the number of columns of each signal."""
-        own = [self.basis.shape[1]] * CHANGING
-        return own + [1] * (len(self.signals) - CHANGING)
+        return [2 * self.harmonics + 1] * CHANGING + [1] * (len(self.signals) - CHANGING)
 
     @property
     def intrinsic_count(self) -> int:
         """Return the number of intrinsic columns."""
-        return int(self.functions.shape[1])
+        return sum(self.sizes)
 
     @property
     def gain(self) -> FourierSeries:
@@ -251,7 +250,7 @@ class Data:
 
         .. math:: \sum_r (s_r F)^T W (s'_r F) = F^T (W \circ \sum_r s_r s_r'^T)\, F
         """
-        basis, size = self.basis[self.times], CHANGING * self.basis.shape[1]
+        basis, size = self.basis[self.times], sum(self.sizes[:CHANGING])
         products = []
         for rows in self.folds:
             parts = []
@@ -313,8 +312,7 @@ class Data:
         left, total = np.full_like(self.torque, np.nan), products.sum(axis=0)
         if len(self.folds) > 1:
             for rows, own in zip(self.folds, products, strict=True):
-                number = self.number * (1 - len(left[rows]) / len(left))
-                coefficients = fitted(Moments.of(total - own, number))
+                coefficients = fitted(Moments.of(total - own, self.number))
                 left[rows] = self.residual(coefficients, further)[rows]
         return left
 
@@ -324,8 +322,8 @@ class Data:
 
     def over_time(self, coefficients: Array) -> Array:
         """Return the coefficient of each signal at all times (time, signal)."""
-        starts = np.cumsum([0, *self.sizes[:-1]])
-        return np.add.reduceat(self.functions * coefficients, starts, axis=1)
+        signals = np.eye(len(self.signals))
+        return np.stack([self.features(each) @ coefficients for each in signals], axis=1)
 
     def squares(self, values: Array) -> Array:
         """Return the weighted squares of values (realization, time), one for each realization."""

@@ -30,7 +30,7 @@ MAX_ITERATIONS = 100  # of the search for the hyperparameters
 
 # A reflex's shape is log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
 SHAPE_NAMES = ("frequency", "damping", "threshold", "delay")
-FREQUENCY, DAMPING, THRESHOLD, DELAY = range(4)
+THRESHOLD, DELAY = 2, 3
 IS_LOG = np.arange(4) < THRESHOLD
 # Mean and standard deviation of the prior, bounds, and step of numerical derivatives. The delay
 # is known.
@@ -59,7 +59,7 @@ class Fit:
     shape
         Shape of the reflex, with its threshold.
     free
-        Numbers of the shape that are estimated.
+        How many numbers of the shape are estimated: the first ones.
     parameters
         Hyperparameters; by default those of greatest evidence.
     positive
@@ -69,7 +69,7 @@ class Fit:
     data: Data
     drive: Stretch | None
     shape: Array
-    free: list[int]
+    free: int
     parameters: Array = attrs.field()
     positive: Array | None = None
 
@@ -148,7 +148,7 @@ class Fit:
     @cached_property
     def objective(self) -> float:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
-        shape = (self.shape[self.free] - MEAN[self.free]) / SPREAD[self.free]
+        shape = (self.shape[: self.free] - MEAN[: self.free]) / SPREAD[: self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
         return self.posterior.log_evidence - 0.5 * float(squares)
 
@@ -176,14 +176,14 @@ class Fit:
     def with_shape(self, values: Array) -> Fit:
         """Return the fit with other free numbers of the shape, kept within their bounds."""
         shape = self.shape.copy()
-        shape[self.free] = np.clip(values, LOWEST[self.free], HIGHEST[self.free])
+        shape[: self.free] = np.clip(values, LOWEST[: self.free], HIGHEST[: self.free])
         return attrs.evolve(self, shape=shape)
 
     def slopes(self) -> Array:
         """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
         coefficients, slopes = self.posterior.mean[self.data.intrinsic_count :, None], []
-        numbers = self.shape[self.free]
-        for step in np.diag(STEP[self.free]):
+        numbers = self.shape[: self.free]
+        for step in np.diag(STEP[: self.free]):
             ends = [self.with_shape(numbers + each) for each in (-step, step)]
             change = ends[1].reflex(coefficients) - ends[0].reflex(coefficients)
             # One number differs, by less than two steps at its bounds.
@@ -203,7 +203,7 @@ class Fit:
     @property
     def freedom(self) -> float:
         """Return the degrees of freedom of the noise variance."""
-        return max(1.0, self.data.number - self.posterior.effective - len(self.free))
+        return max(1.0, self.data.number - self.posterior.effective - self.free)
 
     @cached_property
     def covariance(self) -> Array:
@@ -226,7 +226,7 @@ class Fit:
     @property
     def precision(self) -> Array:
         """Return the prior precision of coefficients and shape, times the noise variance."""
-        own = np.concatenate([self.posterior.precision, SPREAD[self.free] ** -2])
+        own = np.concatenate([self.posterior.precision, SPREAD[: self.free] ** -2])
         return np.asarray(self.posterior.noise_variance * own)
 
     def improved(self) -> Fit:
@@ -236,12 +236,12 @@ class Fit:
         """
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
-            numbers, own = fit.shape[free], slice(-len(free), None)
+            numbers, own = fit.shape[:free], slice(-free, None)
             weighted, slopes = fit.data.weighted(fit.residual), fit.every_column[own]
             gradient = np.tensordot(slopes, weighted, 2)
-            gradient += fit.precision[own] * (MEAN[free] - numbers)
+            gradient += fit.precision[own] * (MEAN[:free] - numbers)
             step = fit.inverse[own, own] @ gradient
-            if np.max(np.abs(step) / SPREAD[free]) < SMALLEST_STEP:
+            if np.max(np.abs(step) / SPREAD[:free]) < SMALLEST_STEP:
                 break
             tried = (fit.with_shape(numbers + step / 2**n) for n in range(MAX_HALVINGS))
             better = next((each for each in tried if each.objective > fit.objective), None)

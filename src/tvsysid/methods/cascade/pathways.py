@@ -106,11 +106,11 @@ class TwoPathwayModel(ImpulseResponseModel):
         They are shares of the torque's variance in %, of both pathways together and of each alone.
         """
         pathways = self.pathways(ensemble)
-        parts = {"vaf": np.sum(list(pathways.values()), axis=0)}
-        parts |= {f"vaf_{name}": torque for name, torque in pathways.items()}
-        known = np.isfinite(parts["vaf"])
+        both = np.sum([*pathways.values()], axis=0)
+        known = np.isfinite(both)
         torque = ensemble.torque[:, ensemble.core][known]
         details = dict(self.diagnostics.details)
+        parts = {"vaf": both} | {f"vaf_{name}": each for name, each in pathways.items()}
         for name, part in parts.items():
             details[name] = 100 * (1 - float(np.var(torque - part[known]) / np.var(torque)))
         if isinstance(self.drive, Stretch):

@@ -14,7 +14,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import usual_shape
 from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch
-from tvsysid.numerics.gaussian import TINY, Moments, solve
+from tvsysid.numerics.gaussian import least_squares
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Array, Ensemble
 
@@ -23,7 +23,6 @@ MAX_P_VALUE = 1e-4  # below which a reflex is not taken for chance
 CONFIDENCE = 0.95  # of the lower limit of a share
 HARMONICS = 8  # of the realization's duration with which stiffness and viscosity vary
 TESTED_HARMONICS = 2  # by which a change is found
-RIDGE = 1e-9  # share of each column's power that is added to it
 ROUNDING = 1e-12  # share of the torque's power that rounding leaves
 
 
@@ -92,7 +91,7 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
     data, both = _columns(ensemble, HARMONICS)
-    gains = _least_squares(data.moments(both))[-2:]
+    gains = least_squares(data.moments(both)).mean[-2:]
     index = int(np.argmax(np.abs(gains)))
     directed, linear = both[index : index + 1], both.sum(axis=0, keepdims=True)
     by_none, by_directed, by_linear, by_both = (
@@ -126,17 +125,13 @@ def _columns(ensemble: Ensemble, harmonics: int) -> tuple[Data, Array]:
     constant, weight = data.constant, np.ones((1, 1))
     drives = (Stretch(direction=each) for each in DIRECTIONS)
     late = np.concatenate([constant.reflex(each, usual_shape(), weight) for each in drives])
-    left = data.residual(_least_squares(data.moments(late)), late)
+    left = data.residual(least_squares(data.moments(late)).mean, late)
     return attrs.evolve(data, noise=autocorrelation(left)), late
-
-
-def _least_squares(moments: Moments) -> Array:
-    return solve(moments, RIDGE * moments.gram.diagonal() + TINY).mean
 
 
 def _held_out(data: Data, late: Array) -> Array:
     """Return the residual torque of held-out realizations beside late columns."""
-    return data.held_out(data.products(late), late, _least_squares)
+    return data.held_out(data.products(late), late, lambda moments: least_squares(moments).mean)
 
 
 def _improvement(data: Data, simple: Array, further: Array) -> tuple[float, float]:

@@ -11,8 +11,6 @@ from scipy.linalg import block_diag
 
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import (
-    DAMPING,
-    FREQUENCY,
     THRESHOLD,
     USUAL_DELAY_S,
     USUAL_PARAMETERS,
@@ -79,29 +77,29 @@ def select(
     if emg is None:
         test = reflex_test_of(ensemble)
         drive, shown = Stretch(direction=test.direction), test.shown
-        shape, free = usual_shape(delay or USUAL_DELAY_S), [FREQUENCY, DAMPING, THRESHOLD]
+        shape, free = usual_shape(delay or USUAL_DELAY_S), THRESHOLD + 1
         shape[THRESHOLD] = INITIAL_THRESHOLD
     else:
         drive, shown = Stretch(emg=emg), True
-        shape, free = usual_shape(delay or EMG_DELAY_S), [FREQUENCY, DAMPING]
+        shape, free = usual_shape(delay or EMG_DELAY_S), THRESHOLD
     if shown:
         fit = limited(_refined(_fitted(data, drive, shape, free)))
         return Selection(drive, fit, fit)
-    none = _fitted(data, None, shape, [])
-    usual = Fit(none.data, drive, usual_shape(delay or USUAL_DELAY_S), [])
+    none = _fitted(data, None, shape, 0)
+    usual = Fit(none.data, drive, usual_shape(delay or USUAL_DELAY_S), 0)
     return Selection(drive, limited(usual), limited(none))
 
 
 def fit_again(ensemble: Ensemble, known: Hyperparameters) -> Selection:
     """Return the fit with known hyperparameters, of a reflex that is detected."""
     data = attrs.evolve(Data.of(ensemble, known.harmonics), noise=known.noise)
-    fit = limited(Fit(data, known.drive, known.shape, [], known.parameters))
+    fit = limited(Fit(data, known.drive, known.shape, 0, known.parameters))
     return Selection(known.drive, fit, fit)
 
 
 def one_path_stiffness(ensemble: Ensemble) -> float:
     """Return the mean stiffness of a fit without a reflex, whose torque it then includes."""
-    none = Fit(Data.of(ensemble, HARMONICS), None, usual_shape(), [])
+    none = Fit(Data.of(ensemble, HARMONICS), None, usual_shape(), 0)
     return float(none.posterior.mean[0])
 
 
@@ -120,7 +118,7 @@ def limited(fit: Fit) -> Fit:
     return attrs.evolve(fit, positive=rows)
 
 
-def _fitted(data: Data, drive: Stretch | None, shape: Array, free: list[int]) -> Fit:
+def _fitted(data: Data, drive: Stretch | None, shape: Array, free: int) -> Fit:
     """Return the fit of a drive. The data choose whether coefficients change over time."""
     start = Fit(data.constant, drive, shape, free, USUAL_PARAMETERS).improved()
 
@@ -147,7 +145,7 @@ def _refined(fit: Fit) -> Fit:
     if best.shape[THRESHOLD] == 0:
         return best
     shape = best.shape * (np.arange(4) != THRESHOLD)
-    simple = Fit(best.data, best.drive, shape, [FREQUENCY, DAMPING]).refined()
+    simple = Fit(best.data, best.drive, shape, THRESHOLD).refined()
     simple = attrs.evolve(simple, free=best.free)
     return best if _is_better(best, simple) else simple
 

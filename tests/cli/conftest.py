@@ -17,6 +17,11 @@ def rows_of(out):
     return [re.split(r" {2,}", line.strip()) for line in out.splitlines()]
 
 
+def text_of(page):
+    """Text of a page without its tags."""
+    return re.sub("<[^>]+>", "", page.read_text())
+
+
 IDENTIFY = "--angle angle --torque torque --rate 1000 --decimate 100 --period 2"
 
 

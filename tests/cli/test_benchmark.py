@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.cli.conftest import text_of
 
 
 @pytest.fixture
@@ -34,8 +35,7 @@ def test_benchmark(benchmark, tvsysid, tmp_path, request):
     assert xr.load_dataset(folder / "results.nc").estimate.sizes["trial"] == 2
     figures = {file.name for file in (folder / "figures").iterdir()}
     assert {"comparison-square-noise.png", "comparison-square-noise.svg"} <= figures
-    page = (folder / "report.html").read_text()
-    assert f"tvsysid benchmark {words} --workers 1" in page
+    assert f"tvsysid benchmark {words} --workers 1" in text_of(folder / "report.html")
     tables = {name: (folder / name).read_bytes() for name in ("summary.csv", "claims.csv")}
     for name in (*tables, "report.html"):
         (folder / name).unlink()

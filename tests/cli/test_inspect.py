@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.io import savemat
-from tests.cli.conftest import IDENTIFY, rows_of
+from tests.cli.conftest import IDENTIFY, rows_of, text_of
 
 import tvsysid as tv
 from tvsysid.cli.options import rate_options
@@ -67,7 +67,7 @@ def test_inspect_diagnoses(tvsysid, tmp_path):
     )
     assert "Recommendation: adaptive: the movement repeats, and adaptive finds" in out
     assert "wrote tvsysid-inspect/joint.mat.angle-torque.diagnosis.html" in out
-    page = (tmp_path / "tvsysid-inspect" / "joint.mat.angle-torque.diagnosis.html").read_text()
+    page = text_of(tmp_path / "tvsysid-inspect" / "joint.mat.angle-torque.diagnosis.html")
     assert "tvsysid inspect joint.mat --diagnose --angle angle" in page
     assert "Diagnosis of joint.mat (angle, torque)" in page
     options = f"{IDENTIFY} --torque-sign -1 --period 1.9"

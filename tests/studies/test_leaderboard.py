@@ -10,23 +10,11 @@ import xarray as xr
 from scipy.stats import gmean
 from tests.synthetic import SQUARE, results_of
 
-import tvsysid as tv
 from tvsysid.errors import InputError
 from tvsysid.methods import CLOSED_LOOP, METHODS
 from tvsysid.simulate import SYSTEMS
 from tvsysid.studies import leaderboard
 from tvsysid.study.scenarios import Scenario
-
-OWN = """
-import numpy as np
-import tvsysid as tv
-
-class Spring:
-    def simulate(self, duration, *, perturbation, snr_db, seed, rate=1000.0):
-        joint = tv.simulate.Joint(stiffness=tv.simulate.Constant(80.0))
-        return joint.simulate(duration, perturbation=perturbation, snr_db=snr_db, \
-seed=seed, rate=rate)
-"""
 
 
 def digest(study):
@@ -133,13 +121,3 @@ def test_the_page_is_the_same_whenever_and_wherever_it_is_made(tvsysid, tmp_path
     assert str(secret) not in text + csv.read_text()
     assert "which is public" not in text
     assert "Not leaderboard 1: it has fewer or more trials." in text
-
-
-def test_scenarios_of_ones_own_are_in_studies(tmp_path, monkeypatch):
-    (tmp_path / "own_scenarios.py").write_text(OWN)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    (tmp_path / "study.toml").write_text(
-        'duration_s = 20\nmethods = "sds"\n[[also]]\nsystem = "own_scenarios:Spring"\n'
-    )
-    study = tv.study.Study.from_toml(tmp_path / "study.toml")
-    assert study.scenarios[-1].label == "own_scenarios_Spring-square-prbs-20s-10dB"

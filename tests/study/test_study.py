@@ -60,6 +60,14 @@ def test_a_study_from_toml(tmp_path):
     assert json.loads(study.to_json())["also"] == [{"stiffness": ["sine"], "snr_db": 0}]
 
 
+def test_a_toml_file_names_a_system_of_ones_own(tmp_path, monkeypatch):
+    (tmp_path / "own_system.py").write_text("class Spring:\n    simulate = None\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "study.toml").write_text('[[also]]\nsystem = "own_system:Spring"\n')
+    study = Study.from_toml(tmp_path / "study.toml")
+    assert study.scenarios[-1].label == "own_system_Spring-square-prbs-150s-10dB"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -149,7 +149,7 @@ class Claim:
 
 def labels(**settings: Any) -> list[str]:
     """Return the labels of the scenarios that a study with these settings has."""
-    return [each.label for each in Study(**settings).scenarios]
+    return [each.label for each in Study(methods=(), **settings).scenarios]
 
 
 def claim(sentence: str, source: str, *comparison: Any, **settings: Any) -> Claim:

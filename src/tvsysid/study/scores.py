@@ -144,7 +144,7 @@ def _metrics(draws: xr.Dataset, weights: Array) -> Scores:
     # variance of all M trials. One trial has no spread.
     unbiased = used.sum() / (used.sum() - 1 or np.nan)
     factors = np.full(len(weights), unbiased)
-    factors[0] = 1.0 if used.sum() > 1 else np.nan
+    factors[0] /= unbiased  # 1, or NaN for one trial
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # the mean of nothing
         for quantity in map(str, own.quantity.values):
             one, prefix = own.sel(quantity=quantity), "" if quantity == MAIN else f"{quantity} "

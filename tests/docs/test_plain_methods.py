@@ -15,7 +15,7 @@ PAGE = text_of("plain-methods.md")
 def test_the_page_shows_every_function_of_the_file():
     parts = ast.parse(Path(plain.__file__).read_text(encoding="utf-8")).body
     shown = re.findall(
-        r"^```{literalinclude} \.\./benchmarks/plain\.py\n:pyobject: (\w+)\n```$",
+        r"^```{literalinclude} \.\./benchmarks/plain\.py\n:pyobject: (\w+)\n:language: python$",
         PAGE,
         re.MULTILINE,
     )

@@ -25,7 +25,7 @@ class Settings:
     perturbation
         Perturbation to analyse; repeatable. [all]
     realizations
-        Realizations in a bootstrap; repeatable. [75 and 150; for kbr 20 and 40]
+        Realizations in a bootstrap sample; repeatable. [75 and 150; for kbr 20 and 40]
     bootstraps
         Bootstrap samples for each method and number of realizations. [100]
     seed
@@ -49,20 +49,20 @@ def experiment(
     dry_run: Flag = False,
     out: Path = Path("tvsysid-experiment"),
 ) -> int:
-    """Identify the stiffness of several participants, with its variability over bootstraps.
+    """Identify the stiffness of several participants, with its variability over bootstrap samples.
 
     Reads each participant's trials, corrects mains hum and a late torque, decimates the trials,
     cuts them into realizations, aligns these with the target torque, excludes realizations that
-    differ too much from the others, and lets every method identify 100 bootstraps of 75 and 150
-    realizations, as van de Ruit et al. (2021) do. Without a file it runs their experiment on six
-    virtual participants, whose true stiffness is known.
+    differ too much from the others, and lets every method identify 100 bootstrap samples of 75 and
+    150 realizations, as van de Ruit et al. (2021) do. Without a file it runs their experiment on
+    six virtual participants, whose true stiffness is known.
 
     Writes to the folder:
 
     - `report.html`: all results in one page;
 
-    - `stiffness.csv`: stiffness over time, mean and standard deviation over bootstraps, for each
-      participant, perturbation, method and number of realizations;
+    - `stiffness.csv`: stiffness over time, mean and standard deviation over bootstrap samples, for
+      each participant, perturbation, method and number of realizations;
 
     - `summary.csv`: random error, VAF (share of the torque's variance that the model predicts), VAF
       after a 1-10 Hz band-pass, and further metrics;
@@ -81,10 +81,10 @@ def experiment(
 
     - `figures/`: each figure as PNG, PDF and SVG;
 
-    - `results.nc`: every bootstrap; `xarray.open_dataset` reads it.
+    - `results.nc`: every bootstrap sample; `xarray.open_dataset` reads it.
 
-    The bootstraps of a method are saved as soon as they are done. If the command is interrupted or
-    killed, the same command resumes. A file that cannot be used is reported and left out.
+    The samples of a method are saved as soon as they are identified. If the command is interrupted
+    or killed, the same command resumes. A file that cannot be used is reported and left out.
 
     Example: `tvsysid experiment`
 

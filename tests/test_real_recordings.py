@@ -136,7 +136,7 @@ def test_walking_stiffness_without_its_reflex(walking, key):
     for name in ("viscosity", "reflex_gain"):
         assert model.over_time(name).min() >= 0
         assert model.estimates[name].band()[0].min() >= 0
-    *held, response = model.diagnostics.warnings
+    response, *held = model.diagnostics.warnings
     assert ["holds stiffness at 0 at 0.8" in each for each in held] == [True] * (key == "cascade")
     assert "the joint without its reflex is not" in response
     assert model.diagnostics.details["reflex_detected"] == 1

@@ -161,7 +161,7 @@ class Method(ABC):
             _check_model(self, model, ensemble)
             texts = (
                 *model.diagnostics.warnings,
-                *self._own_warnings(ensemble),
+                *self._own_warnings(ensemble, model),
                 *_violated_assumptions(self, ensemble, model),
             )
         details = dict(model.diagnostics.details)
@@ -201,8 +201,8 @@ class Method(ABC):
         """Return the settings that were tried, with their scores."""
         raise InputError(f"{type(self).__name__} has no settings that can be chosen from data")
 
-    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
-        """Yield warnings about the settings for an ensemble."""
+    def _own_warnings(self, ensemble: Ensemble, model: Model) -> Iterator[str]:
+        """Yield warnings about the settings for an ensemble, or about its model."""
         yield from ()
 
 

@@ -10,6 +10,7 @@ import attrs
 from tvsysid.methods import shared
 from tvsysid.methods.base import Method, fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
+from tvsysid.models import Model
 from tvsysid.numerics import Array, pseudoinverse
 from tvsysid.signals import Ensemble
 from tvsysid.validators import one_of, positive
@@ -89,7 +90,7 @@ class EnsembleIRF(Method):
             return pseudoinverse.full(phi_uu, phi_uy)
         return pseudoinverse.truncated(phi_uu, phi_uy, variance, count, self.order)
 
-    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble, model: Model) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         if len(ensemble) < 2 * unknowns:
             few = "fewer than" if len(ensemble) < unknowns else "less than twice"

@@ -13,7 +13,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import shared
 from tvsysid.methods.base import check_window, missing_edge, padded, whole_samples
 from tvsysid.methods.responses import FrequencyResponseModel
-from tvsysid.models import Diagnostics, StandardError
+from tvsysid.models import Diagnostics, Model, StandardError
 from tvsysid.numerics.bands import mean_of
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_filters, differentiate
 from tvsysid.numerics.moments import convolve_lags
@@ -156,7 +156,7 @@ class EnsembleSpectral(shared.ReferenceMethod):
             ),
         )
 
-    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble, model: Model) -> Iterator[str]:
         if len(ensemble) < MIN_REALIZATIONS:
             yield (
                 f"spectra are averaged over only {len(ensemble)} realizations: the response is "

@@ -10,6 +10,7 @@ from tvsysid.errors import InputError
 from tvsysid.methods import shared
 from tvsysid.methods.base import fitting_lags, whole_samples
 from tvsysid.methods.responses import ImpulseResponseModel
+from tvsysid.models import Model
 from tvsysid.signals import Ensemble
 from tvsysid.validators import not_negative, positive
 
@@ -82,7 +83,7 @@ class ShortDataSegments(shared.ReferenceMethod):
         needed = MIN_SAMPLES_PER_LAG * (2 * lags + 1)
         return shared.window_model(ensemble, instrument, windows, half, needed)
 
-    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble, model: Model) -> Iterator[str]:
         unknowns = 2 * whole_samples(self.max_lag, ensemble) + 1
         samples = (2 * whole_samples(self.window / 2, ensemble) + 1) * len(ensemble)
         if samples < 4 * unknowns:

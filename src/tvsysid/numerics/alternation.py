@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -16,45 +15,31 @@ from tvsysid.numerics.moments import expanded
 MAX_TURNS = 30  # of either pathway
 
 
-class Lagged(NamedTuple):
-    """Sums over ``realizations`` of products of lagged signals at each time.
-
-    The signals are ``lags`` lagged angles, then the lagged drive of the reflex, and the torque.
-    Shapes are (time, lag, lag), (time, lag), and (time,) for the torque's square.
-    """
-
-    gram: Array
-    cross: Array
-    square: Array
-    lags: int
-    realizations: int
-
-    @classmethod
-    def of(cls, angle: Array, past: Array, torque: Array) -> Self:
-        """Return the sums of signals (realization, time) with as much context as the lags reach."""
-        count, times = torque.shape
-        views = (
-            sliding_window_view(each, each.shape[1] - times + 1, axis=1)[..., ::-1]
-            for each in (angle, past)
-        )
-        columns = np.concatenate([*views], axis=2).transpose(1, 2, 0)
-        gram, cross = columns @ columns.swapaxes(1, 2), (columns @ torque.T[..., None])[..., 0]
-        return cls(gram, cross, np.sum(torque**2, axis=0), angle.shape[1] - times + 1, count)
-
-
 # Function that returns the weights (time, lag) of a pathway from gram, cross and square of its
 # lagged signal, and the number of realizations.
 Solver = Callable[[Array, Array, Array, int], Array]
 
 
-def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> Array:
-    """Return weights (time, lag) of all lagged signals.
+def alternate(
+    angle: Array, past: Array, torque: Array, solver: Solver, min_gain: float
+) -> tuple[Array, Array]:
+    """Return the weights (time, lag) of the lagged angles, and those of the reflex's lagged drive.
 
-    In each turn, the intrinsic pathway is fitted to the torque that the reflex leaves, then the
-    reflex to the torque that the intrinsic pathway leaves. The turns end when one
-    explains less than ``min_gain`` more of the torque. Its weights are not used.
+    All have shape (realization, time). The ``angle`` has as much context to either side, and the
+    drive as much ``past``, as the lags reach. In each turn, the intrinsic pathway is fitted to the
+    torque that the reflex leaves, then the reflex to the torque that the intrinsic pathway leaves.
+    The turns end when one explains less than ``min_gain`` more of the torque. Its weights are not
+    used.
     """
-    gram, cross, square, lags, realizations = lagged
+    realizations, times = torque.shape
+    lags = angle.shape[1] - times + 1
+    views = (
+        sliding_window_view(each, each.shape[1] - times + 1, axis=1)[..., ::-1]
+        for each in (angle, past)
+    )
+    columns = np.concatenate([*views], axis=2).transpose(1, 2, 0)
+    gram, cross = columns @ columns.swapaxes(1, 2), (columns @ torque.T[..., None])[..., 0]
+    square = np.sum(torque**2, axis=0)
     best, explained = np.zeros(cross.shape), -np.inf
     for _ in range(MAX_TURNS):
         weights = best.copy()
@@ -69,7 +54,7 @@ def alternate(lagged: Lagged, solver: Solver, min_gain: float) -> Array:
         if not share >= explained + min_gain:
             break
         best, explained = weights, share
-    return best
+    return best[:, :lags], best[:, lags:]
 
 
 def solve_by_basis(

@@ -14,7 +14,7 @@ from tvsysid.methods.cascade.pathways import Stretch, TwoPathwayModel, driven, h
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.models import Estimate, StandardError
-from tvsysid.numerics.alternation import Lagged, Solver, alternate, solve_by_basis
+from tvsysid.numerics.alternation import Solver, alternate, solve_by_basis
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, FourierSeries
 from tvsysid.numerics.moments import convolve_lags, sliding_sum
@@ -87,8 +87,8 @@ class AlternatingCascade(TwoPathwayMethod):
         kept = ensemble.select(known)
         kept = attrs.evolve(kept, **kept.mapped(lambda values: values[:, reach]), context=lags)
         torque = kept.torque.copy()
-        lagged = Lagged.of(kept.angle, past, torque[:, kept.core])
-        reflex = alternate(lagged, self.solver(ensemble), self.min_gain)[:, lagged.lags :]
+        signals = kept.angle, past, torque[:, kept.core]
+        _, reflex = alternate(*signals, self.solver(ensemble), self.min_gain)
         torque[:, kept.core] -= convolve_lags(past, reflex)
         intrinsic = self.one_pathway.fit(attrs.evolve(kept, torque=torque))
         gain = {"reflex_gain": Estimate(reflex.sum(axis=1), drive.gain_unit)}

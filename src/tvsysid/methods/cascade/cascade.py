@@ -139,9 +139,7 @@ class JointCascade(TwoPathwayMethod):
 
     def fit(self, ensemble: Ensemble) -> JointCascadeModel:
         """Return the model of an ensemble."""
-        model = model_of(repr(self), select(ensemble, self.harmonics, self.delay, self.emg))
-        texts = *_held_stiffness(model), *model.diagnostics.warnings
-        return attrs.evolve(model, diagnostics=attrs.evolve(model.diagnostics, warnings=texts))
+        return model_of(repr(self), select(ensemble, self.harmonics, self.delay, self.emg))
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
@@ -149,7 +147,14 @@ class JointCascade(TwoPathwayMethod):
             return model_of(repr(self), fit_again(ensemble, model.hyperparameters))
         return self.identify(ensemble)
 
-    def _own_warnings(self, ensemble: Ensemble) -> Iterator[str]:
+    def _own_warnings(self, ensemble: Ensemble, model: Model) -> Iterator[str]:
+        stiffness = np.abs(model.stiffness)
+        lowest = int(np.nanargmin(stiffness))
+        if stiffness[lowest] < ROUNDING * np.nanmean(stiffness):
+            yield (
+                f"the fit holds stiffness at 0 at {model.time[lowest]:.2f} s, because it would be "
+                "of the wrong sign there: this model does not describe the joint there"
+            )
         rate = ensemble.sampling_rate * ensemble.angle_as_recorded.shape[-1]
         if self.emg is None and rate < FAST:
             yield (
@@ -310,17 +315,6 @@ def _warnings(
         yield (
             "the reflex gain's change over time is not identified: its band is wider than its "
             "range; only its mean is"
-        )
-
-
-def _held_stiffness(model: Model) -> Iterator[str]:
-    """Warn if stiffness is 0 at a time, because it keeps one sign."""
-    stiffness = np.abs(model.stiffness)
-    lowest = int(np.nanargmin(stiffness))
-    if stiffness[lowest] < ROUNDING * np.nanmean(stiffness):
-        yield (
-            f"the fit of both pathways holds stiffness at 0 at {model.time[lowest]:.2f} s, because "
-            "it would be of the wrong sign there: this model does not describe the joint there"
         )
 
 

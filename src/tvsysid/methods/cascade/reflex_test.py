@@ -53,8 +53,6 @@ def is_time_varying(ensemble: Ensemble) -> bool:
     The first harmonics of the realization are tested as :func:`reflex_test_of` tests a reflex.
     False where realizations are too few or too short to tell.
     """
-    if len(ensemble) < MIN_TESTED_REALIZATIONS:
-        return False
     try:
         data, late = _columns(ensemble, TESTED_HARMONICS)
     except InputError:

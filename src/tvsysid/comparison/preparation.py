@@ -19,6 +19,8 @@ from tvsysid.metrics import vaf
 from tvsysid.numerics.threads import single_thread
 from tvsysid.quality import Diagnosis, Finding, diagnose
 from tvsysid.quality.checks import judge
+from tvsysid.quality.fit import FittedEnsemble
+from tvsysid.quality.realizations import without_drifting_offsets
 from tvsysid.recommendation import find_unnamed_references
 from tvsysid.recordings import describe_file, read_recording
 from tvsysid.recordings.reading import Reading, split_settings
@@ -93,8 +95,11 @@ class PreparedRecording:
             return
         channels, read = describe_file(self.file), self.reading.names
         shape, ensemble = channels[read["angle"]].shape, self.ensemble
-        alike = [name for name, each in channels.items() if each.shape == shape]
-        others = [name for name in alike if name not in read.values()]
+        others = [
+            name
+            for name, each in channels.items()
+            if each.shape == shape and name not in read.values()
+        ]
         context = ensemble.context / ensemble.sampling_rate
         for name in others[:MAX_TESTED_CHANNELS]:
             with suppress(InputError):  # the channel holds no numbers
@@ -174,13 +179,17 @@ def correct(
     if hum.found:
         recording = preprocess.remove_mains(recording, preprocess.find_mains(recording)[0])
         corrections.append(Correction(hum, "mains hum was subtracted from all channels"))
+    if not align_channels:
+        return recording, corrections
     with suppress(InputError):  # realizations are too few, or too short
-        found = diagnose(to_diagnose(cut(recording))).findings if align_channels else ()
-        delays = [each for each in found if each.name == "delay"]
-        if delays and not {each.fault.severity for each in found} & {"invalid", "closed loop"}:
-            delay, action = delay_to_correct(recording, cut, delays[0].value / 1000)
+        data = to_diagnose(cut(recording))
+        late = without_drifting_offsets(FittedEnsemble.of(data)).finding("delay")
+        # All checks take four times as long, and matter only if there is a delay.
+        faults = diagnose(data).findings if late.found else ()
+        if faults and not {each.fault.severity for each in faults} & {"invalid", "closed loop"}:
+            delay, action = delay_to_correct(recording, cut, late.value / 1000)
             recording = preprocess.align_channels(recording, delay)
-            corrections.append(Correction(delays[0], action))
+            corrections.append(Correction(late, action))
     return recording, corrections
 
 
@@ -202,13 +211,13 @@ def delay_to_correct(
     if count == 1:
         return delay, "all of it is corrected"
     with single_thread(), without_quality_warnings():
-        adaptive = AdaptiveRegression()
-        # The model of the first is where the fits to all of them start.
-        model = adaptive.identify(ensembles[0])
-        found = Comparison(
-            ensembles[0], {"adaptive": adaptive}, {"adaptive": model}, {}, {}, {}, {}
-        )
-        predicted = [attrs.evolve(found, ensemble=each).predict_held_out(2) for each in ensembles]
+        methods = {"adaptive": AdaptiveRegression()}
+        # The fits to all three start from this model.
+        models = {"adaptive": methods["adaptive"].identify(ensembles[0])}
+        predicted = [
+            Comparison(each, methods, models, {}, {}, {}, {}).predict_held_out(2)
+            for each in ensembles
+        ]
     errors = 100 - np.array([vaf(*each["adaptive"])[:count] for each in predicted])
     best = int(np.argmin(errors.mean(axis=1)))
     if not prediction_p_value(errors[best], errors[-1]) < SIGNIFICANCE:

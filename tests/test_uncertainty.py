@@ -20,13 +20,12 @@ def test_the_standard_error_of_a_mean():
     found = bootstrap(Mean(), ensemble, 400, seed=3)
     torque = ensemble.torque[:, ensemble.core]
     expected = torque.std(axis=0) / np.sqrt(len(ensemble))
-    stiffness = found.estimates["stiffness"]
-    # The variance of a mean divides by 19.
-    deviation = np.sqrt(19 / 20) * stiffness.standard_error.values
+    draws = tv.preprocess.bootstrap_weights(20, 20, 400, 3) @ torque / 20
+    deviation = draws.std(axis=0, ddof=1)
     assert np.sqrt(np.mean(deviation**2) / np.mean(expected**2)) == pytest.approx(1.0, abs=0.03)
-    lower, upper = stiffness.band(0.95)
+    lower, upper = found.estimates["stiffness"].band(0.95)
     np.testing.assert_allclose((lower + upper) / 2, found.stiffness, atol=1e-12)
-    # Student's t with 19 degrees of freedom
+    # Student's t with 19 degrees of freedom, and the variance of a mean, which divides by 19.
     width = 2 * 2.0930241 * np.sqrt(20 / 19) * deviation
     np.testing.assert_allclose(upper - lower, width, rtol=1e-6)
     for ensemble_, count, message in (

@@ -250,7 +250,7 @@ def recommend(
             diagnosis = str(error).removeprefix("diagnose: ")
         if isinstance(diagnosis, Diagnosis) and scheduling is None:
             measured = measure(measured, at_diagnosis_rate(ensemble), diagnosis)
-            others = ensemble.channels.keys() - {reference}
+            others = (name for name in ensemble.channels if name != reference)
             unnamed = tuple(find_unnamed_references(ensemble, others))
     rule = next(rule for rule in RULES if rule.holds(measured))
     values = attrs.asdict(measured)

@@ -11,7 +11,6 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.cascade.columns import NEEDED_HISTORY_S, muscle, unresolved
 from tvsysid.methods.cascade.fit import (
     DELAY,
-    HIGHEST,
     IS_LOG,
     SHAPE_NAMES,
     THRESHOLD,
@@ -30,7 +29,6 @@ from tvsysid.validators import at_least, optional, positive, text
 MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
 ROUNDING = 1e-9  # share of the mean stiffness
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
-MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
 
 
 @attrs.frozen
@@ -284,10 +282,9 @@ def _warnings(
     selection: Selection, details: Mapping[str, float], estimates: Mapping[str, Estimate]
 ) -> Iterator[str]:
     """Yield warnings of limits that the data contradict, and of what is not reliable."""
-    fit, fitted = selection.fit, details["stiffness_fitted"]
+    used, fitted = selection.used, details["stiffness_fitted"]
     stiffness, gain = (estimates[name].values for name in ("stiffness", "reflex_gain"))
     mean, upper = float(np.nanmean(stiffness)), estimates["reflex_gain"].band()[1]
-    used = selection.used
     unlimited = posterior_of(used.moments, used.spread)
     lost = used.posterior.penalized_residual - unlimited.penalized_residual
     yield from limit_warnings(lost / used.moments.square)
@@ -297,12 +294,6 @@ def _warnings(
             "joint without one, and reflex_gain with its band is what the data leave room for"
         )
         return
-    threshold, error = fit.shape[THRESHOLD], details.get("threshold_error", 0.0)
-    if threshold == HIGHEST[THRESHOLD] or error > MAX_THRESHOLD_ERROR:
-        yield (
-            f"the reflex's threshold is uncertain ({threshold:.2g} ± {error:.2g} rad/s), as "
-            "happens if all movements are equally fast; with another threshold, its gain differs"
-        )
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
             "the joint without its reflex is not of second order: its mean stiffness is "

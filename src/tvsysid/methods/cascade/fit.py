@@ -82,7 +82,8 @@ class Fit:
             found = posterior_of(self.moments, self.spread_of(parameters))
             off = decays_off(parameters)
             gradient = 2 * found.variance_gradient @ design - off / DECAY_SPREAD
-            return 0.5 * float(off @ off) - found.log_evidence, -gradient
+            evidence = relative_log_evidence(found, self.moments.square)
+            return 0.5 * float(off @ off) - evidence, -gradient
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(
@@ -150,7 +151,8 @@ class Fit:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
         shape = (self.shape[: self.free] - MEAN[: self.free]) / SPREAD[: self.free]
         squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
-        return self.posterior.log_evidence - 0.5 * float(squares)
+        square = self.moments.square
+        return relative_log_evidence(self.posterior, square) - 0.5 * float(squares)
 
     @property
     def residual(self) -> Array:
@@ -285,6 +287,18 @@ def posterior_of(moments: Moments, spread: Array, positive: Array | None = None)
         noise_variance=noise,
         precision=found.precision / noise,
     )
+
+
+def relative_log_evidence(found: Posterior, square: float) -> float:
+    r"""Return the log evidence relative to that of a torque that is all noise, without units.
+
+    S is the diagonal matrix of the prior standard deviations relative to the noise.
+
+    .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
+              - \tfrac12 \log|S \Phi^T\Phi S + 1|
+    """
+    misfit = found.number * math.log(found.penalized_residual / square)
+    return -0.5 * (misfit + found.log_determinant)
 
 
 def decays_off(parameters: Array) -> Array:

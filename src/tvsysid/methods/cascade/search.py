@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import (
+    DELAY,
     THRESHOLD,
     USUAL_DELAY_S,
     USUAL_PARAMETERS,
@@ -29,7 +30,6 @@ from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Ensemble
 
 EMG_DELAY_S = 0.01
-INITIAL_THRESHOLD = 0.15  # rad/s
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
@@ -76,17 +76,16 @@ def select(
     data = Data.of(ensemble, harmonics)
     if emg is None:
         test = reflex_test_of(ensemble)
-        drive, shown = Stretch(direction=test.direction), test.shown
-        shape, free = usual_shape(delay or USUAL_DELAY_S), THRESHOLD + 1
-        shape[THRESHOLD] = INITIAL_THRESHOLD
+        drive, shown, free = Stretch(direction=test.direction), test.shown, DELAY
+        shape = usual_shape(delay or USUAL_DELAY_S)
     else:
-        drive, shown = Stretch(emg=emg), True
-        shape, free = usual_shape(delay or EMG_DELAY_S), THRESHOLD
+        drive, shown, free = Stretch(emg=emg), True, THRESHOLD
+        shape = usual_shape(delay or EMG_DELAY_S)
     if shown:
         fit = limited(_refined(_fitted(data, drive, shape, free)))
         return Selection(drive, fit, fit)
     none = _fitted(data, None, shape, 0)
-    usual = Fit(none.data, drive, usual_shape(delay or USUAL_DELAY_S), 0)
+    usual = Fit(none.data, drive, shape, 0)
     return Selection(drive, limited(usual), limited(none))
 
 
@@ -144,7 +143,7 @@ def _refined(fit: Fit) -> Fit:
     best = fit.refined()
     if best.shape[THRESHOLD] == 0:
         return best
-    shape = best.shape * (np.arange(4) != THRESHOLD)
+    shape = best.shape * (np.arange(len(best.shape)) != THRESHOLD)
     simple = Fit(best.data, best.drive, shape, THRESHOLD).refined()
     simple = attrs.evolve(simple, free=best.free)
     return best if _is_better(best, simple) else simple

@@ -244,6 +244,9 @@ def write_experiment(
 
     call_each = executor.map if executor else map
     found = stiffness_to_report(prepared, results, call_each)
+    for each in prepared:
+        if each.ensemble:
+            write_ensemble(folder / "prepared" / f"{each.recorded.label}.nc", each.ensemble)
     scores = score(results)
     summary, claims = summarize(scores), judge_experiment(results, scores)
     figures = experiment_figures(results, summary, prepared)
@@ -260,9 +263,6 @@ def write_experiment(
         diagnoses = {each.recording: each.diagnosis for each in reported if each.diagnosis}
         seen = {each.recording: each.picture for each in reported if each.picture}
         write_diagnosis(folder / "diagnosis.html", diagnoses, command, pictures=seen)
-        for each in prepared:
-            if each.ensemble:
-                write_ensemble(folder / "prepared" / f"{each.recorded.label}.nc", each.ensemble)
         files += ["prepared/", "diagnosis.html"]
     for name, table in tables.items():
         write_table(folder / name, table)

@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
+import cloudpickle
+
 from tvsysid.errors import InputError, one_line
 from tvsysid.study.measure import Scores
 from tvsysid.study.tasks import Task, run_task
@@ -51,6 +53,7 @@ def run_tasks(
     running: dict[Future[Scores], Path] = {}
     try:
         for file, task in tasks.items():
+            cloudpickle.dumps(task.methods)  # raises here, and not in a thread of the executor
             running[executor.submit(run_task, task)] = file
         for future in as_completed(running):
             measured = future.result()

@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
-from scipy.ndimage import correlate1d
+from scipy.ndimage import convolve1d
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.pathways import Stretch, driven, history
@@ -75,7 +75,7 @@ def filtered(values: Array, filters: Array) -> Array:
 
     They are wrong where a filter reaches beyond the samples.
     """
-    return np.stack([correlate1d(values, weights) for weights in filters[:, ::-1]])
+    return np.stack([convolve1d(values, weights) for weights in filters])
 
 
 def unresolved(ensemble: Ensemble) -> Array:
@@ -110,8 +110,8 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
     # Equal poles (critical damping) would divide zero by zero. They are kept apart.
     root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
     late = np.maximum(np.arange(samples) / rate - shape[3], 0.0) * frequency
-    response = np.subtract(*np.exp(np.outer([root - damping, -root - damping], late))) / root
-    return np.asarray(response.real / response.real.sum())
+    response = np.exp(-damping * late) * (np.sinh(root * late) / root).real
+    return np.asarray(response / response.sum())
 
 
 @attrs.frozen(eq=False)

@@ -44,6 +44,7 @@ MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
 MAX_STEPS, MAX_HALVINGS = 8, 6  # of Gauss-Newton, and of each of its steps
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
 USUAL_DELAY_S = 0.04  # from velocity to torque
+USUAL_SHAPE = np.array([*MEAN, USUAL_DELAY_S])
 
 
 @attrs.frozen(eq=False)
@@ -256,11 +257,6 @@ class Fit:
         """Return the fit with an improved shape, then improved hyperparameters."""
         fit = self.improved()
         return attrs.evolve(fit, parameters=fit.tuned(fit.parameters))
-
-
-def usual_shape(delay: float = USUAL_DELAY_S) -> Array:
-    """Return the shape of a reflex with a usual muscle and no threshold."""
-    return np.array([*MEAN, delay])
 
 
 def posterior_of(moments: Moments, spread: Array, positive: Array | None = None) -> Posterior:

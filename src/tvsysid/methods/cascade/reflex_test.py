@@ -12,7 +12,7 @@ from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
-from tvsysid.methods.cascade.fit import usual_shape
+from tvsysid.methods.cascade.fit import USUAL_SHAPE
 from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch
 from tvsysid.numerics.gaussian import least_squares
 from tvsysid.numerics.noise import autocorrelation
@@ -122,7 +122,7 @@ def _columns(ensemble: Ensemble, harmonics: int) -> tuple[Data, Array]:
     data = Data.of(ensemble, harmonics)
     constant, weight = data.constant, np.ones((1, 1))
     drives = (Stretch(direction=each) for each in DIRECTIONS)
-    late = np.concatenate([constant.reflex(each, usual_shape(), weight) for each in drives])
+    late = np.concatenate([constant.reflex(each, USUAL_SHAPE, weight) for each in drives])
     left = data.residual(least_squares(data.moments(late)).mean, late)
     return attrs.evolve(data, noise=autocorrelation(left)), late
 

@@ -12,11 +12,12 @@ from scipy.linalg import block_diag
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import (
     DELAY,
+    MEAN,
     THRESHOLD,
     USUAL_DELAY_S,
     USUAL_PARAMETERS,
+    USUAL_SHAPE,
     Fit,
-    usual_shape,
 )
 from tvsysid.methods.cascade.pathways import Stretch
 from tvsysid.methods.cascade.reflex_test import (
@@ -73,14 +74,14 @@ def select(
 
     The settings are those of ``JointCascade``.
     """
-    data = Data.of(ensemble, harmonics)
+    data, usual_delay = Data.of(ensemble, harmonics), USUAL_DELAY_S
     if emg is None:
         test = reflex_test_of(ensemble)
         drive, shown, free = Stretch(direction=test.direction), test.shown, DELAY
-        shape = usual_shape(delay or USUAL_DELAY_S)
     else:
         drive, shown, free = Stretch(emg=emg), True, THRESHOLD
-        shape = usual_shape(delay or EMG_DELAY_S)
+        usual_delay = EMG_DELAY_S
+    shape = np.array([*MEAN, delay or usual_delay])
     if shown:
         fit = limited(_refined(_fitted(data, drive, shape, free)))
         return Selection(drive, fit, fit)
@@ -98,7 +99,7 @@ def fit_again(ensemble: Ensemble, known: Hyperparameters) -> Selection:
 
 def one_path_stiffness(ensemble: Ensemble) -> float:
     """Return the mean stiffness of a fit without a reflex, whose torque it then includes."""
-    none = Fit(Data.of(ensemble, HARMONICS), None, usual_shape(), 0)
+    none = Fit(Data.of(ensemble, HARMONICS), None, USUAL_SHAPE, 0)
     return float(none.posterior.mean[0])
 
 

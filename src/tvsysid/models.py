@@ -51,8 +51,8 @@ class StandardError:
     freedom
         Degrees of freedom: one number, or one for each value.
     arc
-        Length in rad of the path that the normalized estimate takes over time, for simultaneous
-        bands (:func:`tvsysid.numerics.bands.arc_length`).
+        How much the errors at different times differ, for simultaneous bands: 0 rad if all times
+        have the same error (:func:`tvsysid.numerics.bands.arc_length`).
     absent
         Reason why the standard error is unknown at all times. Empty if it is known.
     minimum

@@ -45,7 +45,9 @@ def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
 
 
 def arc_length(features: Array, covariance: Array) -> float:
-    r"""Length in rad of the path that a normalised linear estimate takes over time.
+    r"""Return the sum in rad of the angles between the errors of an estimate at successive times.
+
+    The cosine of such an angle is the correlation of the two errors.
 
     .. math:: \kappa = \sum_i \arccos
               \frac{l_i^T C l_{i+1}}{\sqrt{l_i^T C l_i}\sqrt{l_{i+1}^T C l_{i+1}}}

@@ -110,7 +110,7 @@ def local_workers(count: int) -> Iterator[Executor | None]:
 def _begin() -> None:
     """Make a worker ignore interruptions, and end with its parent, even if that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # As on the command line: garbage collection would take a tenth of the time of figures.
+    # The workers also draw figures. Garbage collection would take a tenth of that time.
     gc.set_threshold(100_000)
 
     def follow() -> None:

@@ -68,8 +68,8 @@ class AdaptiveRegression(base.Method):
 
     Viscosity and inertia come from the same regression, restricted to frequencies below 60 % of the
     Nyquist frequency. Above it, the aliased acceleration of a decimated angle would make the
-    inertia 3 % too large. The covariance of z also includes the part of the second-order model's
-    misfit that is the same in all realizations.
+    inertia 3 % too large. Where the residual is misfit, the covariance of z also includes the part
+    of it that is the same in all realizations.
 
     All further steps use the free estimate and small matrices. With G the products of switches with
     each other, g those with the free estimate, both after the smooth part is regressed out, and

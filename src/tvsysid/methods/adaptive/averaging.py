@@ -112,9 +112,9 @@ class CurvePosterior(NamedTuple):
 def components(model: CurveModel, weight: float, best: CurvePosterior) -> Array:
     """Return means and variances of equally probable components, shape (2, time, component).
 
-    Components differ in the position of the switch that is nearest to a time. The other switches
-    are at their most probable positions. ``best`` is the posterior with all switches there. The
-    number of components grows with the ``weight`` of the model.
+    At each time, components differ in the position of the switch that is nearest to this time. The
+    other switches are at their most probable positions. ``best`` is the posterior with all switches
+    there. The number of components grows with the ``weight`` of the model.
     """
     axis = model.smooth.estimate.axis
     own = model.positions
@@ -238,7 +238,10 @@ def distinct_fits(estimate: FreeEstimate, priors: Iterable[SmoothPrior]) -> list
 
 
 def refined_sets(rough: Iterable[CurveModel]) -> list[CurveModel]:
-    """Refine sets of switches, also without doubles. Return each of the resulting sets once."""
+    """Refine sets of switches. Return each of the resulting sets once.
+
+    A set in which two close switches represent one is returned without the second, too.
+    """
     out: list[CurveModel] = []
     for each in rough:
         refined = each.refined()

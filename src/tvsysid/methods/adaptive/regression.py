@@ -85,9 +85,9 @@ class Regressors:
     def with_reflex(cls, ensemble: Ensemble, selection: Selection) -> Regressors:
         """Return the signals of an ensemble with the selected reflex.
 
-        The columns after the acceleration are the angle's differences of higher order (the
-        intrinsic response lasts 40 ms to either side), the reflex's columns, and their derivatives
-        by its shape.
+        The columns after the acceleration are the other columns of the intrinsic response, which
+        the cascade model allows beyond inertia, those of the reflex, and the derivatives of the
+        reflex's torque by the parameters of its shape.
         """
         fit = selection.fit
         data = selection.fit.data

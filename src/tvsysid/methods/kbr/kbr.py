@@ -165,7 +165,8 @@ class KernelRegression(shared.ReferenceMethod):
         runs = runs_of(ensembles, kernel, self.band)
         moments = moments_of(runs, kernel)
         variances = np.broadcast_to(self.gamma, 3) * self._scale(moments, kernel) ** 2
-        # Equation 16 is minus the log posterior of weights with half their kernel's variance.
+        # The paper's cost (equation 16) is a sum of squares without the factor 1/2 of a log
+        # density. So a weight has half its kernel's variance.
         precision = np.outer(2 / variances, kernel.precision).ravel()
         edge = base.missing_edge(HALF_WIDTH, ensemble)
         torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)

@@ -146,8 +146,8 @@ def coloured_variances(ensemble: Ensemble, windows: Windows, half: int) -> Array
     with the autocorrelation :math:`\rho` of the residual at all times.
     """
     lags = windows.weights.shape[1] // 2
-    # The regressors of neighbouring samples are nearly independent. The fit therefore lowers the
-    # variance of the residual, but not its autocovariance at other lags.
+    # A fit lowers the autocovariance of the residual most at lag 0. That at other lags is hardly
+    # lower and is not corrected.
     width = 2 * half + 1
     absorbed = np.zeros(width)
     absorbed[0] = np.mean(windows.rank / windows.independent)

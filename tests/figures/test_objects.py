@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from matplotlib import pyplot
-from tests import experimental, synthetic
 from tests.conftest import ensemble_of
 
 import tvsysid as tv
@@ -43,16 +42,6 @@ def test_comparison_and_model(comparison):
     figure = comparison.models["sds"].plot()
     assert labels(figure) == impedance  # without an ensemble there is no VAF
     assert figure.legends[0].texts[0].get_text().startswith("ShortDataSegments(")
-
-
-def test_results_of_both_kinds():
-    results = synthetic.results_of([("square", "noise", 40.0, 10.0)], ("sds", "kbr"), trials=2)
-    shown = labels(tv.figures.plot(results))
-    assert shown[:6:2] == ["stiffness", "time-varying VAF", "in 95 % band"]
-    assert shown[6] == "bias error"
-    several = experimental.results_of(("P1",), methods=("sds", "kbr"), bootstraps=2)
-    titles = [axes.get_title() for axes in tv.figures.plot(several).axes]
-    assert titles == ["filtered noise", "PRBS", "torque (N·m)"]
 
 
 def test_what_has_no_picture():

@@ -17,13 +17,13 @@ def test_every_form_is_saved_and_the_svg_returned(tmp_path):
     (picture,) = draw_all(illustrations, tmp_path).values()
     files = sorted(path.name for path in (tmp_path / "folder").iterdir())
     assert files == ["figure.pdf", "figure.png", "figure.svg"]
-    assert picture.svg == (tmp_path / "folder" / "figure.svg").read_bytes()
+    assert picture.contents["svg"] == (tmp_path / "folder" / "figure.svg").read_bytes()
     assert (picture.title, picture.width, picture.height) == ("T0", 108 * 9, round(108 * 3.2))
 
 
 def test_without_a_folder_only_the_page_gets_its_picture(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert draw_all({"a": Illustration(made, "A")})["a"].svg
+    assert draw_all({"a": Illustration(made, "A")})["a"].contents["svg"]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,7 +8,7 @@ from tvsysid.figures.style import LOOK, finish, panels
 @pytest.mark.parametrize("lengths", [(5, 5, 5), (40, 3, 3, 3, 40, 12), (70,) * 4, (8,) * 13])
 def test_a_legend_below_fits_the_figure(lengths):
     with context(LOOK):
-        figure, ((axes,),) = panels(1, 1, 7, 3)
+        figure, ((axes,),) = panels("", (6.2, 1.9))
         for number, length in enumerate(lengths):
             axes.plot([], label=f"{number:0>{length}}")
         finish(figure)

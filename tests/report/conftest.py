@@ -31,7 +31,7 @@ def pictures(illustrations):
     """The first is drawn, the others are empty axes: it is the page that is looked at."""
     first, *others = illustrations
     empty = {
-        stem: attrs.evolve(illustrations[stem], draw=lambda: panels(1, 1, 4.0, 3.0)[0])
+        stem: attrs.evolve(illustrations[stem], draw=lambda: panels("", (3.0, 2.0))[0])
         for stem in others
     }
     return draw_all({first: illustrations[first]} | empty)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -27,7 +26,7 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     stiffness and noise of each realization, and correlation of the torque left over with angle
     and speed over lags.
     """
-    figure, grid = style.panels(2, 3, 10.0, 6.2, title)
+    figure, grid = style.panels(title, (3.1, 2.6), [""] * 2, [""] * 3)
     angle, torque, coherence, halves, realizations, lags = grid.flat
     curves = diagnosis.curves
     natural = diagnosis.measures["natural frequency"][0]
@@ -58,7 +57,7 @@ def diagnosis_panels(diagnosis: Diagnosis, title: str = "") -> Figure:
     for axes, (heading, below, beside) in zip(grid.flat, labels, strict=True):
         axes.set(title=heading, xlabel=below, ylabel=beside)
         if axes is not coherence:
-            axes.legend(fontsize=7)
+            axes.legend()
     return figure
 
 
@@ -81,16 +80,21 @@ def _draw_spectra(axes: Axes, frequency: Array, powers: Mapping[str, Array]) -> 
         axes.loglog(frequency[shown], power[shown], linewidth=1.2, label=label)
     axes.set_xlim(frequency[1], HIGHEST)
     style.log_ticks(axes.xaxis)
-    axes.yaxis.set_major_formatter("{x:.0e}")
-    axes.yaxis.minorticks_off()
+    style.log_ticks(axes.yaxis)
 
 
 def _draw_coherence(axes: Axes, curves: Curves) -> None:
     if not curves.coherence.size:
         style.remark(axes, "realizations too short")
         return
-    edges = curves.coherence_time, curves.coherence_frequency
-    look: dict[str, Any] = {"vmin": 0, "vmax": 1, "cmap": "cividis", "rasterized": True}
-    mesh = axes.pcolormesh(*edges, curves.coherence.T, **look)
+    mesh = axes.pcolormesh(
+        curves.coherence_time,
+        curves.coherence_frequency,
+        curves.coherence.T,
+        vmin=0,
+        vmax=1,
+        cmap="cividis",
+        rasterized=True,
+    )
     axes.set_ylim(0, HIGHEST)
     axes.figure.colorbar(mesh, ax=axes, label="coherence")

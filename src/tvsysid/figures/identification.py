@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
+from scipy.signal import fftconvolve
 
 from tvsysid.dataset_layout import UNITS
 from tvsysid.figures import style
@@ -55,15 +56,9 @@ def identified_impedance(
     rows = range(3 * len(beside))
     mosaic: Any = [[left[row // len(beside)], beside[row // 3]] for row in rows]
     grid = figure.subplot_mosaic(mosaic, width_ratios=[1.6, 1])
-    for name in ("stiffness", *beside):
+    draw_quantity(grid["stiffness"], "stiffness", models, spread=spread)
+    for name in beside:
         draw_quantity(grid[name], name, models)
-    if np.isfinite(spread).any():
-        first, axes = next(iter(models.values())), grid["stiffness"]
-        limits = first.stiffness + np.outer([-1, 1], np.asarray(spread))
-        shade: Any = {"color": style.INK, "alpha": 0.12, "linewidth": 0, "zorder": 1}
-        axes.fill_between(first.time, *limits, label="methods differ", **shade)
-        ends = *axes.get_ylim(), *np.nanpercentile(limits, [2, 98])
-        axes.set_ylim(min(ends), max(ends))
     for label, look in _lines(models).items() if vaf else ():
         style.curve(grid["VAF"], models[label].time, vaf[label], **look)
         grid["VAF"].set(xlabel=style.REALIZATION_TIME, ylabel="time-varying VAF (%)", ylim=(0, 102))
@@ -75,18 +70,25 @@ def identified_quantity(
     models: Mapping[str, Model], name: str, simultaneous: bool = False
 ) -> Figure:
     """Draw one quantity over time by the models, with 95 % bands, pointwise or ``simultaneous``."""
-    figure, axes = style.panels(1, 1, 6.4, 3.4)
-    draw_quantity(axes[0, 0], name, models, simultaneous)
+    figure, ((axes,),) = style.panels("", (5.6, 2.3))
+    draw_quantity(axes, name, models, simultaneous)
     return style.finish(figure)
 
 
 def draw_quantity(
-    axes: Axes, name: str, models: Mapping[str, Model], simultaneous: bool = False
+    axes: Axes,
+    name: str,
+    models: Mapping[str, Model],
+    simultaneous: bool = False,
+    spread: ArrayLike = np.nan,
 ) -> None:
-    """Draw a quantity over its axis, by every model that estimates it, and its likely switches."""
+    """Draw a quantity over its axis, by every model that estimates it, and its likely switches.
+
+    A lighter band shows how far methods differ from the first, the ``spread``.
+    """
     words, unit, over = name.replace("_", " "), UNITS.get(name, ""), "time"
     curves: list[Array] = []
-    always: ArrayLike = ()
+    always: list[Array] = []
     for label, look in _lines(models).items():
         model, estimate = models[label], models[label].estimates.get(name)
         if estimate is None or not np.isfinite(estimate.values).any():
@@ -96,8 +98,19 @@ def draw_quantity(
         values, band = mean_known(np.atleast_2d(estimate.values)), np.array(np.nan)
         if estimate.values.size == len(x):  # a mean over realizations has no band
             band = np.reshape(estimate.band(simultaneous=simultaneous), (2, -1))
-        if not curves and np.isfinite(band).any():
-            always = np.nanpercentile(band, [2, 98])
+        if not curves:
+            differing = values + np.outer([-1, 1], np.asarray(spread))
+            always = [band, differing]
+            if np.isfinite(differing).any():
+                axes.fill_between(
+                    x,
+                    *differing,
+                    color=style.INK,
+                    alpha=0.12,
+                    linewidth=0,
+                    zorder=1,
+                    label="methods differ",
+                )
         curves.append(values)
         style.curve(axes, x, values, band, **look)
         for switch in getattr(model, "switches", ()):
@@ -114,9 +127,9 @@ def draw_quantity(
 
 def _lines(models: Mapping[str, Model]) -> dict[str, dict[str, Any]]:
     """Return settings of the lines; the first stands out."""
-    first, faint = {"linewidth": 2.0, "zorder": 4}, {"linewidth": 0.9}
-    looks = style.lines(list(models)).items()
-    return {label: look | (faint if place else first) for place, (label, look) in enumerate(looks)}
+    looks = {label: look | {"linewidth": 0.9} for label, look in style.lines(list(models)).items()}
+    next(iter(looks.values())).update(linewidth=2.0, zorder=4)
+    return looks
 
 
 @style.styled
@@ -134,8 +147,7 @@ def held_out_prediction(torques: Array, sampling_rate: float, title: str = "") -
     """
     residual, samples = torques[0] - torques[1], torques.shape[-1]
     labels = ["torque (N·m)", "residual (N·m)", "autocorrelation\nof the residual"]
-    figure, grid = style.panels(3, 1, 9.0, 6.0, title, ylabels=labels)
-    above, middle, below = grid[:, 0]
+    figure, ((above,), (middle,), (below,)) = style.panels(title, (8.2, 1.6), labels)
     count = max(1, round(HELD_OUT_S * sampling_rate / samples))
     measured, predicted, rest = (each[:count].ravel() for each in (*torques, residual))
     time = np.arange(len(rest)) / sampling_rate
@@ -145,10 +157,9 @@ def held_out_prediction(torques: Array, sampling_rate: float, title: str = "") -
     middle.set_xlabel("time, realizations in a row (s)")
     lags = np.arange(1, min(samples, round(MAX_LAG_S * sampling_rate)))
     known = np.nan_to_num(residual)
-    products = [np.vdot(known[:, lag:], known[:, :-lag]) for lag in lags]
+    products = fftconvolve(known, known[:, ::-1], axes=1).sum(axis=0)[samples - 1 :]
     chance = 1.96 / np.sqrt(np.isfinite(residual).sum())
-    correlations = {"": np.array(products) / np.vdot(known, known)}
-    draw_correlations(below, lags / sampling_rate, correlations, float(chance))
+    draw_correlations(below, lags / sampling_rate, {"": products[lags] / products[0]}, chance)
     below.set_xlabel("lag (s)")
     return style.finish(figure)
 
@@ -168,10 +179,9 @@ def scheduled_estimates(
     """
     estimates = [item for model in models.values() for item in model.estimates.items()]
     names = dict.fromkeys(name for name, estimate in estimates if estimate.axes == (variable,))
-    count = len(names) + 1
-    figure, grid = style.panels(count, 1, 6.2, 2.2 * count, title, sharex=True)
-    *above, below = grid[:, 0]
-    for axes, name in zip(above, names, strict=True):
+    rows = [""] * (len(names) + 1)
+    figure, (*above, (below,)) = style.panels(title, (5.4, 2.0), rows, sharex=True)
+    for (axes,), name in zip(above, names, strict=True):
         draw_quantity(axes, name, models)
         axes.set_xlabel("")
     values = ensemble.signal(variable)[:, ensemble.core].ravel()
@@ -184,20 +194,27 @@ def scheduled_estimates(
 @style.styled
 def tuning_curves(evidence: Mapping[str, Evidence], title: str = "") -> Figure:
     """Draw by how much all settings tried are worse than the best, in axes for each method."""
-    count = len(evidence)
-    figure, grid = style.panels(count, 1, 5.5, 0.4 + 3.2 * count, title)
-    for axes, (label, tried) in zip(grid[:, 0], evidence.items(), strict=True):
+    labels = ["worse than the best by (nat)"] * len(evidence)
+    figure, grid = style.panels(title, (4.7, 3.0), labels)
+    for (axes,), (label, tried) in zip(grid, evidence.items(), strict=True):
         worse, names = np.nanmax(tried.values) - tried.values, np.array(tried.lines)
         order = np.argsort(tried.positions)
         for name in dict.fromkeys(tried.lines):
             mine = order[names[order] == name]
             axes.plot(tried.positions[mine], worse[mine], "o-", label=name or "tried")
         for text, place, fill in (("as given", 0, "none"), ("chosen", tried.chosen, "full")):
-            point: Any = {"color": style.INK, "markersize": 10, "fillstyle": fill, "label": text}
-            axes.plot(tried.positions[place], worse[place], "o", **point)
+            axes.plot(
+                tried.positions[place],
+                worse[place],
+                "o",
+                color=style.INK,
+                markersize=10,
+                fillstyle=fill,
+                label=text,
+            )
         axes.margins(x=0.05)
         axes.set_yscale("symlog", linthresh=1.0)
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.set(xlabel=tried.axis, ylabel="worse than the best by (nat)", title=wrapped(label, 44))
+        axes.set(xlabel=tried.axis, title=wrapped(label, 44))
         axes.legend()
     return figure

@@ -12,26 +12,21 @@ from tvsysid.comparison import Comparison
 from tvsysid.errors import InputError
 from tvsysid.figures.diagnosis import diagnosis_panels
 from tvsysid.figures.identification import identified_impedance, tuning_curves
-from tvsysid.figures.participants import stiffness_of_participants
 from tvsysid.figures.planning import planned_recording
 from tvsysid.figures.recorded import ensemble_signals, preparation_steps, recorded_signals
-from tvsysid.figures.simulations import method_comparison
 from tvsysid.methods import Evidence
 from tvsysid.models import Model
 from tvsysid.planning import Plan
 from tvsysid.preprocess import Preparation, excerpt
 from tvsysid.quality import Diagnosis
 from tvsysid.signals import Ensemble, Recording
-from tvsysid.study import summarize
 
 
 def plot(shown: Any, title: str = "") -> Figure:
-    """Draw an object of the package: a recording, ensemble, model, comparison, study results, ….
+    """Draw an object of the package: a recording, ensemble, model, comparison, plan, ….
 
-    What ``shown.plot()`` draws. Results, as of :func:`tvsysid.study.run`, are an
-    ``xarray.Dataset``, which has another ``plot`` of its own: of a simulation study, the scenario
-    in the middle; of an experiment, stiffness of all participants. The functions of
-    :mod:`tvsysid.figures` that draw these take more to choose from.
+    What ``shown.plot()`` draws. Results of a study have functions of their own:
+    :func:`method_comparison`, :func:`stiffness_of_participants`, ….
 
     ``matplotlib.pyplot`` knows the figure, until :func:`save` writes it. A notebook shows it.
 
@@ -49,8 +44,10 @@ def plot(shown: Any, title: str = "") -> Figure:
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['angle (rad)', 'torque (N·m)']
     """
-    draw = next((draw for kind, draw in FIGURES.items() if isinstance(shown, kind)), _results)
-    return pyplot.figure(draw(shown, title))
+    for kind, draw in FIGURES.items():
+        if isinstance(shown, kind):
+            return pyplot.figure(draw(shown, title))
+    raise InputError(f"plot: there is no picture of {type(shown).__name__}")
 
 
 def _recording(recording: Recording, title: str) -> Figure:
@@ -62,17 +59,6 @@ def _comparison(found: Comparison, title: str) -> Figure:
     answer = found.answer
     models = {answer.label: answer.model} | dict(found.models)
     return identified_impedance(models, found.time_varying_vaf, title, answer.spread)
-
-
-def _results(results: Any, title: str) -> Figure:
-    dims = getattr(results, "dims", ())
-    if "bootstrap" in dims:
-        return stiffness_of_participants(results, title)
-    if "scenario" in dims:
-        middle = str(results.scenario.values[results.sizes["scenario"] // 2])
-        one = results.sel(scenario=[middle])
-        return method_comparison(one, summarize(one), middle, [middle], title or middle)
-    raise InputError(f"plot: there is no picture of {type(results).__name__}")
 
 
 FIGURES: dict[type, Callable[[Any, str], Figure]] = {

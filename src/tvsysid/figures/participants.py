@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +13,6 @@ from tvsysid.errors import InputError
 from tvsysid.figures import style
 from tvsysid.figures.results import headings, of_least_data, unique
 from tvsysid.figures.words import perturbation_name
-from tvsysid.numerics.bands import mean_and_spread
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,7 +26,7 @@ METRICS = {
     "bias_error": "bias error\n(N·m/rad)",
     "mean_bias": "mean bias\n(N·m/rad)",
 }
-CAPTION = "bars: mean ± 2 SD over participants; dots: participants"
+CAPTION = "bars: mean ± 2 SD; dots: participants"
 STIFFNESS, VAF = "stiffness\n(N·m/rad)", "time-varying VAF\n(%)"
 
 
@@ -47,35 +48,26 @@ def stiffness_of_participants(results: xr.Dataset, title: str = "") -> Figure:
     people, perturbations = (
         unique(results[name].values) for name in ("participant", "perturbation")
     )
-    titles = [*map(perturbation_name, perturbations), "torque (N·m)"]
-    figure, grid = style.panels(
-        len(people),
-        len(titles),
-        2.6 * len(titles) + 1.0,
-        1.45 * len(people) + 1.2,
-        title,
-        xlabel="time (s)",
-        ylabels=[f"{person}\n{STIFFNESS}" for person in people],
-        headings=titles,
-        sharex=True,
-        sharey="col",
-    )
+    rows = [f"{person}\n{STIFFNESS}" for person in people]
+    columns = [*map(perturbation_name, perturbations), "torque (N·m)"]
+    size, xlabel = (2.6, 1.45), "time (s)"
+    figure, grid = style.panels(title, size, rows, columns, xlabel, sharex=True, sharey="col")
     looks, time = style.lines(unique(results.method_key.values)).values(), results.time.values
-    labels = headings(results, 60)
-    for place in range(results.sizes["recording"]):
-        one = results.isel(recording=place)
+    labels, means = headings(results, 60), results.estimate.mean("bootstrap")
+    for recording in results.recording.values:
+        one = results.sel(recording=recording)
         row, column = people.index(one.participant), perturbations.index(one.perturbation)
         axes, torque = grid[row, [column, -1]]
         if np.isfinite(one.truth).any():
             axes.plot(time, one.truth, **style.TRUE_LINE)
-        means = mean_and_spread(one.estimate.values)[0]
-        for mean, look, label in zip(means, looks, labels, strict=True):
+        lines = zip(means.sel(recording=recording).values, looks, labels, strict=True)
+        for mean, look, label in lines:
             style.curve(axes, time, mean, **look | {"label": label, "linewidth": 1.0})
         torque.plot(time, one.mean_torque, color=MEAN_TORQUE, label="mean torque")
         if np.isfinite(one.target_torque).any():
             torque.plot(time, one.target_torque, **style.TARGET_LINE)
     for axes in grid[0, :-1]:
-        style.limit_to_usual(axes, results.estimate.mean("bootstrap").values, results.truth)
+        style.limit_to_usual(axes, means.values, [results.truth])
     return style.finish(figure)
 
 
@@ -99,30 +91,17 @@ def participant_in_detail(results: xr.Dataset, participant: str, title: str = ""
         raise InputError(f"figure: there is no participant {participant!r}; there are {known}")
     here = of_least_data(results.isel(recording=results.participant.values == participant))
     here = here.transpose("recording", "bootstrap", "analysis", "time", ...)
-    methods, time = unique(here.method_key.values), here.time.values
     names = [perturbation_name(each) for each in here.perturbation.values]
     labels = [f"{name}\n{label}" for label in (STIFFNESS, VAF) for name in names]
     if np.isfinite(here.target_torque).any():
         labels.append("torque\n(N·m)")
-    figure, grid = style.panels(
-        len(labels),
-        len(methods),
-        max(1.25 * len(methods), 2.6) + 0.84,
-        1.35 * len(labels) + 1.1,
-        title,
-        xlabel="time (s)",
-        ylabels=labels,
-        headings=headings(here, 15),
-        sharex=True,
-        sharey="row",
-    )
+    figure, grid = _by_method(here, labels, title)
     stiffness, vaf, torque = np.split(grid, [len(names), 2 * len(names)])
-    for row, draws, truth in zip(stiffness, here.estimate.values, here.truth.values, strict=True):
-        style.columns_by_method(row, methods, time, draws, truth)
-        style.limit_to_usual(row[0], draws.swapaxes(0, 1), truth)
-    for row, draws in zip(vaf, here.time_varying_vaf.values, strict=True):
-        style.columns_by_method(row, methods, time, draws)
-        row[0].set_ylim(0, 102)
+    methods, time = unique(here.method_key.values), here.time.values
+    style.rows_by_method(stiffness, methods, time, here.estimate.values, here.truth.values)
+    style.rows_by_method(vaf, methods, time, here.time_varying_vaf.values)
+    for axes in vaf[:, 0]:
+        axes.set_ylim(0, 102)
     for axes in torque.flat:
         axes.plot(time, here.target_torque[0], **style.TARGET_LINE)
     return style.finish(figure, "mean over bootstraps ± 2 standard deviations")
@@ -141,37 +120,26 @@ def variance_and_spread(summary: pd.DataFrame, title: str = "") -> Figure:
     summary
         Of an experiment: columns participant, perturbation, method, realizations, metric, value.
     """
-    known = {"vaf", *summary.metric}
-    metrics = {name: label for name, label in METRICS.items() if name in known}
+    metrics = [name for name in METRICS if name in {"vaf", *summary.metric}]
     perturbations = unique(summary.perturbation)
     kinds = ["method", "realizations"]
-    bars = summary.set_index(kinds).index.unique()
+    summary = summary.set_index(kinds)
+    bars = summary.index.unique()
     methods = bars.get_level_values("method").tolist()
     looks = style.lines(unique(methods))
     colors = [looks[method]["color"] for method in methods]
-    figure, grid = style.panels(
-        len(metrics),
-        len(perturbations),
-        (0.26 * len(bars) + 0.8) * len(perturbations),
-        1.5 * len(metrics) + 1.4,
-        title,
-        xlabel="realizations drawn",
-        ylabels=metrics.values(),
-        headings=map(perturbation_name, perturbations),
-        sharex=True,
-        sharey="row",
-    )
-    for (row, column), axes in np.ndenumerate(grid):
-        metric, perturbation = list(metrics)[row], perturbations[column]
-        shown = summary[(summary.metric == metric) & (summary.perturbation == perturbation)]
-        shown = shown.dropna(subset="value").set_index(kinds)
-        groups = shown.value.groupby(level=kinds)
+    rows = [METRICS[name] for name in metrics]
+    columns = [perturbation_name(each) for each in perturbations]
+    size, xlabel = (0.26 * len(bars) + 0.4, 1.5), "realizations drawn"
+    figure, grid = style.panels(title, size, rows, columns, xlabel, sharex=True, sharey="row")
+    for axes, (metric, name) in zip(grid.flat, product(metrics, perturbations), strict=True):
+        is_shown = (summary.metric == metric) & (summary.perturbation == name)
+        values = summary.value[is_shown].dropna()
+        groups = values.groupby(level=kinds)
         means, spreads = groups.mean().reindex(bars), groups.std().reindex(bars)
         axes.bar(range(len(bars)), means, yerr=2 * spreads, color=colors, alpha=0.6, label=methods)
-        # Dots beside each other, so that equal ones show, in the order of the participants.
-        beside = (groups.cumcount() + 1) / (groups.transform("size") + 1) - 0.5
-        places = bars.get_indexer(shown.index) + 0.5 * beside
-        axes.plot(places, shown.value, ".", color="black", alpha=0.7)
+        beside = bars.get_indexer(values.index) + 0.25
+        axes.plot(beside, values, ".", color="black", alpha=0.7)
         axes.set_xticks(range(len(bars)), [f"{amount:g}" for _, amount in bars])
         if "vaf" in metric:
             axes.set_ylim(0, 102)
@@ -193,20 +161,17 @@ def error_against_truth(results: xr.Dataset, title: str = "") -> Figure:
     here = of_least_data(results).transpose("bootstrap", "recording", "analysis", "time")
     perturbations, methods = (unique(here[name].values) for name in ("perturbation", "method_key"))
     labels = [f"{perturbation_name(each)}\nestimate − truth\n(N·m/rad)" for each in perturbations]
-    figure, grid = style.panels(
-        len(labels),
-        len(methods),
-        1.45 * len(methods) + 0.8,
-        1.5 * len(labels) + 1.2,
-        title,
-        xlabel="time (s)",
-        ylabels=labels,
-        headings=headings(here, 18),
-        sharex=True,
-        sharey="row",
-    )
-    errors = (here.estimate.mean("bootstrap") - here.truth).transpose("recording", "analysis", ...)
-    for row, perturbation in zip(grid, perturbations, strict=True):
-        mine = errors.values[here.perturbation.values == perturbation]
-        style.columns_by_method(row, methods, here.time.values, mine, np.zeros(mine.shape[-1]))
+    figure, grid = _by_method(here, labels, title)
+    for axes in grid.flat:
+        axes.axhline(0, **style.TRUE_LINE)
+    errors = here.estimate.mean("bootstrap") - here.truth
+    draws = [errors[here.perturbation.values == each].values for each in perturbations]
+    style.rows_by_method(grid, methods, here.time.values, draws)
     return style.finish(figure, "mean over participants ± 2 standard deviations")
+
+
+def _by_method(results: xr.Dataset, labels: Sequence[str], title: str) -> tuple[Figure, Any]:
+    """Return a figure with a row for each label and a column for each method of the results."""
+    size = max(1.35, 2.6 / results.sizes["analysis"]), 1.4
+    columns = headings(results, 16)
+    return style.panels(title, size, labels, columns, "time (s)", sharex=True, sharey="row")

@@ -20,12 +20,12 @@ def planned_recording(plan: Plan, title: str = "") -> Figure:
 
     A panel for each setup, and one with the time in which each method follows a step.
     """
-    width, count = 4.6 + 3.2 * len(plan.setups), len(plan.setups) + 1
-    title = title or fill(str(plan), round(11 * width))
-    figure, grid = style.panels(1, count, width, 3.4, title)
-    for axes, setup in zip(grid[0], plan.setups, strict=False):
+    headings = [*plan.setups, ""]
+    title = title or fill(str(plan).partition(";")[0], 40 * len(headings))
+    figure, ((*each, last),) = style.panels(title, (3.6, 2.6), headings=headings)
+    for axes, setup in zip(each, plan.setups, strict=True):
         _draw_against_minutes(axes, plan, setup)
-    _draw_rise_times(grid[0, -1], plan)
+    _draw_rise_times(last, plan)
     return style.finish(figure)
 
 
@@ -39,8 +39,8 @@ def _draw_against_minutes(axes: Axes, plan: Plan, setup: str) -> None:
         minutes = np.array([plan.setups[setup].seconds(each) / 60 for each in counts])
         style.curve(axes, minutes, half, **look)
     axes.axhline(plan.precision, color=style.INK, linestyle=":", label="required")
-    label = "stiffness: ± at 95 %, bias included (N·m/rad)"
-    axes.set(xlabel="minutes recorded", ylabel=label, title=setup, xscale="log", yscale="log")
+    label = "stiffness: ± at 95 %,\nbias included (N·m/rad)"
+    axes.set(xlabel="minutes recorded", ylabel=label, xscale="log", yscale="log")
     style.log_ticks(axes.xaxis)
     style.log_ticks(axes.yaxis)
 
@@ -52,7 +52,7 @@ def _draw_rise_times(axes: Axes, plan: Plan) -> None:
         if len(plan.setups) > 1:
             label += f", {each.setup.removeprefix('the ')}"
         bar = axes.barh(label, np.nan_to_num(each.rise_time), color=color)
-        axes.bar_label(bar, [f"{each.rise_time:.2g} s"], padding=3, fontsize=7)
+        axes.bar_label(bar, [f"{each.rise_time:.2g} s"], padding=3)
     axes.set_ylim(max(len(plan.required), 3) - 0.5, -0.5)  # from above
     axes.margins(x=0.2)
     if plan.resolution is not None:

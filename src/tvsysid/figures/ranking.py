@@ -35,10 +35,8 @@ def leaderboard(
     """
     names = [name for group in groups.values() for name in group]
     width, places = 0.42 * len(names), np.arange(len(table))
-    figure, grid = style.panels(
-        1, 2, 3.6 + width, 1.3 + 0.28 * len(table), title, sharey=True, width_ratios=(2.4, width)
-    )
-    scores, errors = grid[0]
+    figure = style.blank(3.6 + width, 1.3 + 0.28 * len(table), title)
+    scores, errors = figure.subplots(1, 2, sharey=True, width_ratios=(2.4, width))
     spread = 2 * table.score_error.fillna(0.0)
     scores.errorbar(table.score, places, xerr=spread, fmt="o", color=style.INK)
     scores.set_xscale("log")
@@ -59,6 +57,6 @@ def leaderboard(
         errors.axvline(start - 0.5, color="white", linewidth=3)
     errors.set_xticks(range(len(names)), [*map(str, range(1, len(names) + 1))])
     errors.grid(visible=False)
-    errors.tick_params(left=False, labelleft=False)
+    errors.tick_params(left=False)
     errors.set_xlabel("error in each scenario (%)")
     return figure

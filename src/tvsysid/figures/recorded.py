@@ -20,11 +20,7 @@ from tvsysid.recordings import Channel
 from tvsysid.signals import Ensemble, Recording
 
 MAX_SIGNALS = 12  # that are drawn of a file
-# Hundreds of realizations, and thousands of samples, would make a vector file of megabytes.
-THIN: dict[str, Any] = {"linewidth": 0.7, "alpha": 0.6, "rasterized": True}
 MEAN: dict[str, Any] = {"color": "black", "label": "target or mean"}
-LIMIT: dict[str, Any] = {"color": style.INK, "linestyle": "--", "label": "limits"}
-ONSET: dict[str, Any] = {"color": style.INK, "linewidth": 0.8, "label": "start of a realization"}
 STEPS = {
     "alignment": "aligned to the target",
     "task component": "component at the task's frequency",
@@ -71,12 +67,12 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
         raise InputError(f"{title}: no signals to draw")
     shown = signals[:MAX_SIGNALS]
     title += f" ({len(shown)} of {len(signals)} signals)"
-    figure, grid = style.panels(len(shown), 1, 7.0, 1.0 + 1.7 * len(shown), title)
-    for axes, (name, channel) in zip(grid[:, 0], shown, strict=True):
+    units = [printable(channel.unit or "unit not stated") for _, channel in shown]
+    figure, grid = style.panels(title, (6.2, 1.7), units)
+    for (axes,), (name, channel) in zip(grid, shown, strict=True):
         rate, values = channel.sampling_rate, channel.read(name).squeeze()
         axes.plot(np.arange(len(values)) / (rate or 1.0), values, linewidth=0.7, rasterized=True)
         axes.set_title(wrapped(name, width=100), loc="left")
-        axes.set_ylabel(printable(channel.unit or "unit not stated"))
         axes.set_xlabel("time (s)" if rate else "sample")
     return figure
 
@@ -85,17 +81,9 @@ def recorded_channels(channels: Mapping[str, Channel], title: str = "") -> Figur
 def ensemble_signals(ensemble: Ensemble, title: str = "") -> Figure:
     """Draw angle, torque and channels of every realization over time, and their mean."""
     signals = {"angle (rad)": ensemble.angle, "torque (N·m)": ensemble.torque, **ensemble.channels}
-    figure, grid = style.panels(
-        len(signals),
-        1,
-        7.0,
-        0.7 + 1.8 * len(signals),
-        title,
-        xlabel=style.REALIZATION_TIME,
-        ylabels=map(wrapped, signals),
-        sharex=True,
-    )
-    for axes, values in zip(grid[:, 0], signals.values(), strict=True):
+    rows, xlabel = [*map(wrapped, signals)], style.REALIZATION_TIME
+    figure, grid = style.panels(title, (6.2, 1.7), rows, xlabel=xlabel, sharex=True)
+    for (axes,), values in zip(grid, signals.values(), strict=True):
         shown = values[:, ensemble.core]
         _draw_realizations(axes, ensemble.time, shown, f"{len(ensemble)} realizations", style.KEPT)
         axes.plot(ensemble.time, shown.mean(axis=0), color=style.TARGET, label="their mean")
@@ -118,8 +106,8 @@ def recorded_signals(
     onsets
         Times in s at which realizations start, which are marked.
     """
-    size = 9.0, 1.75 * len(excerpts) + 1.0
-    figure, grid = style.panels(len(excerpts), 2, *size, title, xlabel="time (s)", sharey="col")
+    size, rows = (4.1, 1.75), [""] * len(excerpts)
+    figure, grid = style.panels(title, size, rows, [""] * 2, "time (s)", sharey="col")
     for row, (name, excerpt) in zip(grid, excerpts.items(), strict=True):
         time = excerpt.time
         signals = {"angle (rad)": excerpt.angle, "torque (N·m)": excerpt.torque}
@@ -129,7 +117,9 @@ def recorded_signals(
             axes.set_ylabel(label)
             for onset in onsets:
                 if time[0] <= onset <= time[-1]:
-                    axes.axvline(onset, **ONSET)
+                    axes.axvline(
+                        onset, color=style.INK, linewidth=0.8, label="start of a realization"
+                    )
         if "target" in excerpt.channels:
             row[1].plot(time, excerpt.channels["target"], **style.TARGET_LINE)
     return style.finish(figure)
@@ -140,9 +130,11 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
     """Draw the torque before and after preparation, and the torque that each step compared."""
     recorded, prepared, steps = preparation.recorded, preparation.ensemble, preparation.steps
     rows = -(-(2 + len(steps)) // 3)
-    labels = {"xlabel": style.REALIZATION_TIME, "ylabels": ["torque (N·m)"] * rows}
-    figure, grid = style.panels(rows, 3, 10.0, 0.4 + 2.9 * rows, title, **labels)
+    labels = ["torque (N·m)"] * rows
+    figure, grid = style.panels(title, (3.1, 2.5), labels, [""] * 3)
     before, after, *others = grid.flat
+    for axes in grid.flat:  # the last are removed
+        axes.set_xlabel(style.REALIZATION_TIME)
     excluded_by = preparation.table.excluded_by.to_numpy(dtype=str)
     _draw_outcomes(before, recorded.time, recorded.torque[:, recorded.core], excluded_by)
     before.set_title(f"recorded: {len(recorded)} realizations")
@@ -156,7 +148,7 @@ def preparation_steps(preparation: Preparation, title: str = "") -> Figure:
         axes.plot(recorded.time, step.mean, **MEAN)
         if step.half_width is not None:
             limits = step.mean - step.half_width, step.mean + step.half_width
-            axes.plot(recorded.time, np.transpose(limits), **LIMIT)
+            axes.plot(recorded.time, np.transpose(limits), "--", color=style.INK, label="limits")
         axes.set_title(f"{STEPS[name]}: {np.sum(~step.kept)} excluded")
     for axes in others[len(steps) :]:
         axes.remove()
@@ -170,7 +162,11 @@ def _draw_outcomes(axes: Axes, time: Array, torque: Array, excluded_by: NDArray[
 
 
 def _draw_realizations(axes: Axes, time: Array, values: Array, label: str, color: str) -> None:
+    """Draw all realizations as pixels: as lines, they would make a file of megabytes."""
     if len(values):
         segments = np.stack(np.broadcast_arrays(time, values), axis=-1)
-        axes.add_collection(LineCollection([*segments], color=color, label=label, **THIN))
+        lines = LineCollection(
+            [*segments], color=color, label=label, linewidth=0.7, alpha=0.6, rasterized=True
+        )
+        axes.add_collection(lines)
         axes.autoscale_view()

@@ -19,21 +19,16 @@ def scenario_traits(results: xr.Dataset) -> pd.DataFrame:
     return results[list(TRAITS)].to_dataframe()[list(TRAITS)]
 
 
-def of_quantity(results: xr.Dataset, quantity: str = "stiffness") -> xr.Dataset:
-    """Return the results on a quantity, or all if they are on a single one."""
-    return results.sel(quantity=quantity) if "quantity" in results.dims else results
-
-
 def of_least_data(results: xr.Dataset) -> xr.Dataset:
     """Return the stiffness by each method's analysis with the fewest realizations."""
     amounts = results.realizations.to_series()
     labels = amounts.groupby(results.method_key.to_series(), sort=False).idxmin()
-    return of_quantity(results).sel(analysis=labels.tolist())
+    return results.sel(quantity="stiffness", analysis=labels.tolist())
 
 
 def is_known(results: xr.Dataset) -> bool:
     """Whether the true stiffness of anybody is known."""
-    return bool(np.isfinite(of_quantity(results).truth.values).any())
+    return bool(np.isfinite(results.truth.sel(quantity="stiffness").values).any())
 
 
 def unique(values: Iterable[object]) -> list[str]:

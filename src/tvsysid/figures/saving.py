@@ -43,18 +43,18 @@ def illustrated(draw: Callable[..., Any], *data: Any, title: str, text: str) -> 
 
 @attrs.frozen
 class Picture:
-    """Drawn figure for a page: SVG with its size in pixels."""
+    """Drawn figure: its files by their format, and its size on a page in pixels."""
 
     title: str
     description: str
-    svg: bytes
     width: int
     height: int
+    contents: Mapping[str, bytes]
 
     @property
     def source(self) -> str:
         """The picture itself as the address of an image."""
-        return "data:image/svg+xml;base64," + base64.b64encode(self.svg).decode()
+        return "data:image/svg+xml;base64," + base64.b64encode(self.contents["svg"]).decode()
 
 
 def draw_all(
@@ -74,21 +74,19 @@ def draw_all(
         Calls a function of each item. The ``map`` of an executor draws in its workers.
     """
     formats = ("svg",) if folder is None else ("svg", "png", "pdf")
-    pictures = {}
-    results = call_each(partial(_draw, formats=formats), illustrations.values())
-    for stem, (picture, contents) in zip(illustrations, results, strict=True):
-        pictures[stem] = picture
-        if folder is not None:
-            for format, content in contents.items():
-                _write(content, Path(folder) / f"{stem}.{format}")
+    drawn_each = call_each(partial(_draw, formats=formats), illustrations.values())
+    pictures = dict(zip(illustrations, drawn_each, strict=True))
+    for stem, picture in pictures.items() if folder else ():
+        for format, content in picture.contents.items():
+            _write(content, f"{folder}/{stem}.{format}")
     return pictures
 
 
-def _draw(illustration: Illustration, formats: Sequence[str]) -> tuple[Picture, dict[str, bytes]]:
+def _draw(illustration: Illustration, formats: Sequence[str]) -> Picture:
     figure = illustration.draw()
     contents = {format: drawn(figure, format) for format in formats}
-    title, text = illustration.title, illustration.description
-    return Picture(title, text, contents["svg"], *size_in_pixels(figure)), contents
+    size = size_in_pixels(figure)
+    return Picture(illustration.title, illustration.description, *size, contents)
 
 
 def save(figure: Figure, path: str | Path) -> None:

@@ -64,47 +64,40 @@ def method_comparison(
         Of the summary, and what their axes are called.
     """
     methods, time = unique(results.method_key.values), results.time.values
-    cell = results.sel(scenario=shown).transpose("trial", "method_key", ...)
     quantities = [name for name in OVER_TIME if name in results.quantity]
+    cell = results.sel(scenario=shown, quantity=quantities)
+    cell = cell.transpose("quantity", "trial", "method_key", "time", ...)
     rows = summary[summary.scenario.isin(compared) & summary.value.notna()]
     rows = rows.assign(size=rows.scenario.map(list(compared).index))
     names = [name for name in metrics if name in set(rows.metric)]
-    ticks = differing(scenario_traits(results).loc[list(compared)])
+    words = enumerate(differing(scenario_traits(results).loc[list(compared)]))
+    ticks = {place: wrapped(each, 25) for place, each in words if len(compared) > 1}
     heights = [1.25 * len(quantities) + 3.25, 1.2 * len(names) + 0.8]
     width = min(max(1.5 * len(methods), 3.2) + 0.8, MAX_WIDTH)
     figure = style.blank(width, sum(heights) + 0.8, wrapped(title, round(12 * width)))
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
-    *estimates, vaf, coverage = style.grid_of(
-        upper,
-        len(quantities) + 2,
-        len(methods),
-        xlabel="time (s)",
-        ylabels=[*(OVER_TIME[name] for name in quantities), *BELOW],
-        headings=[wrapped(method, round(12 * width / len(methods))) for method in methods],
-        sharex=True,
-        sharey="row",
-    )
-    for row, name in zip(estimates, quantities, strict=True):
-        draws, truth = (cell.sel(quantity=name)[each].values for each in ("estimate", "truth"))
-        style.columns_by_method(row, methods, time, draws, truth)
-        style.limit_to_usual(row[0], draws.swapaxes(0, 1), truth)
-    style.columns_by_method(vaf, methods, time, cell.time_varying_vaf.values)
+    labels = [*(OVER_TIME[name] for name in quantities), *BELOW]
+    headings = [wrapped(method, round(12 * width / len(methods))) for method in methods]
+    grid = style.grid_of(upper, labels, headings, "time (s)", sharex=True, sharey="row")
+    draws, truth = cell.estimate.values, cell.truth.values
+    style.rows_by_method(grid[:-2], methods, time, draws, truth)
     window = max(1, round(SMOOTHED_S / (time[1] - time[0])))
     held = 100 * cell.covered.sel(quantity="stiffness").mean("trial")
     smooth = held.rolling(time=window, center=True, min_periods=1).mean().where(held.notnull())
-    style.columns_by_method(coverage, methods, time, smooth.values[None])
-    for axes in coverage:
+    shares = [cell.time_varying_vaf.values, smooth.values[None]]
+    style.rows_by_method(grid[-2:], methods, time, shares)
+    for axes in grid[-1]:
         axes.axhline(95, color=style.INK, linestyle=":")
-        axes.set_ylim(-2, 102)
+        axes.set_ylim(-2, 115)  # with room for a remark
     labels = [metrics[name] for name in names]
-    grid = style.grid_of(lower, len(names), 1, ylabels=labels, sharex=True)
-    for axes, name in zip(grid[:, 0], names, strict=True):
+    for name, (axes,) in zip(names, style.grid_of(lower, labels, [""], sharex=True), strict=True):
         here = rows[rows.metric == name]
         style.points_by_method(axes, here, methods, 0.8, linestyle="")
         if 0 < 6 * here.value.min() < here.value.max():
             axes.set_yscale("log")
             style.log_ticks(axes.yaxis)
-        axes.set_xticks(range(len(ticks)), [wrapped(each, 25) for each in ticks])
+        axes.set_xticks([*ticks], ticks.values())
+        axes.set_xlim(-0.5, len(compared) - 0.5)
     text = "mean ± 2 standard deviations; metrics ± 1 standard error"
     return style.finish(figure, f"{count(results.sizes['trial'], 'trial')}: {text}")
 
@@ -116,9 +109,7 @@ def error_against(what: str, rows: pd.DataFrame, title: str = "") -> Figure:
     ``what`` varies, with its unit; the rows have columns method, size (of what varies), value and
     standard_error.
     """
-    label = "mean bias (N·m/rad)"
-    figure, grid = style.panels(1, 1, 7.4, 4.2, title, xlabel=what, ylabels=[label])
-    axes = grid[0, 0]
+    figure, ((axes,),) = style.panels(title, (6.6, 3.1), ["mean bias (N·m/rad)"], xlabel=what)
     axes.axhline(0, color=style.INK, linestyle="--")
     ticks = rows["size"].unique()
     if 0 < 20 * min(ticks) < max(ticks):
@@ -139,20 +130,17 @@ def impulse_responses(responses: xr.Dataset, title: str = "") -> Figure:
         (instant, lag), in N·m/(rad·s); coordinates lag and instant in s, and stiffness over
         (instant,) in N·m/rad.
     """
-    columns = responses.sizes["instant"]
-    figure, grid = style.panels(
-        1,
-        columns,
-        3.2 * columns + 0.8,
-        3.6,
+    figure, (row,) = style.panels(
         title,
-        xlabel="lag (s)",
-        ylabels=["impulse response (N·m/(rad·s))"],
+        (3.2, 2.5),
+        ["impulse response (N·m/(rad·s))"],
+        [""] * responses.sizes["instant"],
+        "lag (s)",
         sharex=True,
         sharey=True,
     )
     lag, methods = responses.lag.values, unique(responses.method_key.values)
-    for place, axes in enumerate(grid[0]):
+    for place, axes in enumerate(row):
         here = responses.isel(instant=place)
         axes.plot(lag, here.true_impulse_response, **style.TRUE_LINE | {"linewidth": 5})
         for method, look in style.lines(methods).items():

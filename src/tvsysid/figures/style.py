@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import ContextDecorator
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,6 +43,7 @@ FILLS = ("full", "none", "left", "top")
 MARKERS = "osD^vPX<>hp*8dH"
 MARKERS_PER_CURVE = 8
 MAX_REACH = 0.75  # of the median range of the curves, by which axes extend beyond it
+MARGINS = 0.8, 1.1  # of a figure, in inches
 LEGEND_ENTRY = 0.6, 0.07  # width in inches, without text and of a letter
 
 styled: ContextDecorator = context(LOOK)
@@ -66,36 +68,34 @@ def blank(width: float, height: float, title: str = "") -> Figure:
 
 
 def panels(
-    rows: int, columns: int, width: float, height: float, title: str = "", **words: Any
+    title: str,
+    size: tuple[float, float],
+    ylabels: Sequence[str] = ("",),
+    headings: Sequence[str] = ("",),
+    *args: Any,
+    **words: Any,
 ) -> tuple[Figure, NDArray[Any]]:
-    """Return a figure of a size in inches, and its axes of shape (rows, columns).
-
-    Further ``words`` as of :func:`grid_of`.
-    """
+    """Return a figure, and its axes as of :func:`grid_of`, each of a size in inches."""
+    width, height = np.multiply(size, (len(headings), len(ylabels))) + MARGINS
     figure = blank(width, height, title)
-    return figure, grid_of(figure, rows, columns, **words)
+    return figure, grid_of(figure, ylabels, headings, *args, **words)
 
 
 def grid_of(
-    figure: Any,
-    rows: int,
-    columns: int,
-    xlabel: str = "",
-    ylabels: Iterable[str] = (),
-    headings: Iterable[str] = (),
-    **words: Any,
+    figure: Any, ylabels: Sequence[str], headings: Sequence[str], xlabel: str = "", **words: Any
 ) -> NDArray[Any]:
-    """Return new axes of a figure or a part of it: labelled below, on the left and above.
+    """Return new axes of a figure or a part of it, labelled on the left, above and below.
 
-    Further words as of ``Figure.subplots``.
+    A row for each of the ``ylabels``, a column for each of the headings. Further words as of
+    ``Figure.subplots``.
     """
-    grid: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **words)
+    grid: NDArray[Any] = figure.subplots(len(ylabels), len(headings), squeeze=False, **words)
+    for axes, label in zip(grid[:, 0], ylabels, strict=True):
+        axes.set_ylabel(label)
+    for axes, heading in zip(grid[0], headings, strict=True):
+        axes.set_title(heading)
     for axes in grid[-1]:
         axes.set_xlabel(xlabel)
-    for axes, label in zip(grid[:, 0], ylabels, strict=False):
-        axes.set_ylabel(label)
-    for axes, heading in zip(grid[0], headings, strict=False):
-        axes.set_title(heading)
     return grid
 
 
@@ -109,8 +109,9 @@ def finish(figure: Figure, caption: str | None = None) -> Figure:
         room, letter = LEGEND_ENTRY
         width = room + letter * max(map(len, entries), default=0)
         columns = max(1, int(figure.get_figwidth() / width))
-        place: Any = {"loc": "outside lower center", "ncols": columns, "title": caption}
-        figure.legend(entries.values(), entries, **place)
+        figure.legend(
+            entries.values(), entries, loc="outside lower center", ncols=columns, title=caption
+        )
     # To align axes without a label, too, would take an eighth of the time of drawing.
     figure.align_ylabels([axes for axes in figure.axes if axes.get_ylabel()])
     return figure
@@ -155,19 +156,25 @@ def curve(axes: Axes, x: Array, values: Array, band: ArrayLike = np.nan, **look:
     axes.plot(x, values, markevery=(3 * len(axes.lines) % every, every), **look)
 
 
-def columns_by_method(
-    row: Iterable[Axes],
+def rows_by_method(
+    rows: Iterable[Sequence[Axes]],
     methods: Sequence[str],
     time: Array,
-    draws: Array,
-    truth: ArrayLike = np.nan,
+    draws: Iterable[Array],
+    truths: Iterable[Array] = (),
 ) -> None:
-    """Draw mean ± 2 standard deviations of draws (draw, method, time), an axes for each method."""
+    """Draw mean ± 2 standard deviations over draws, a row for each array (draw, method, time).
+
+    Each row has an axes for each method. With a truth, it is limited to what is usual.
+    """
     looks = lines(methods).values()
-    for axes, look, mean, spread in zip(row, looks, *mean_and_spread(draws), strict=True):
-        if np.isfinite(truth).any():
-            axes.plot(time, truth, **TRUE_LINE)
-        curve(axes, time, mean, (mean - 2 * spread, mean + 2 * spread), color=look["color"])
+    for row, values, truth in zip_longest(rows, draws, truths):
+        for axes, look, mean, spread in zip(row, looks, *mean_and_spread(values), strict=True):
+            if truth is not None and np.isfinite(truth).any():
+                axes.plot(time, truth, **TRUE_LINE)
+            curve(axes, time, mean, (mean - 2 * spread, mean + 2 * spread), color=look["color"])
+        if truth is not None:
+            limit_to_usual(row[0], values.swapaxes(0, 1), [truth])
 
 
 def points_by_method(
@@ -190,23 +197,27 @@ def remark(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.96, text, transform=axes.transAxes, ha="center", va="top")
 
 
-def limit_to_usual(axes: Axes, curves: Iterable[Array], always: ArrayLike = ()) -> None:
-    """Limit the vertical axis to ``always``, and to what is usual of the curves.
+def limit_to_usual(axes: Axes, curves: Iterable[Array], always: Iterable[Array]) -> None:
+    """Limit the vertical axis to what is usual of the curves, and to those shown ``always``.
 
     A method that has spikes, or is far off, does not hide the others.
     """
-    ranges = [np.nanpercentile(each, [1, 99]) for each in curves if np.isfinite(each).any()]
+    ranges, shown = (
+        [np.nanpercentile(each, [1, 99]) for each in group if np.isfinite(each).any()]
+        for group in (curves, always)
+    )
     if not ranges:
         return
     low, high = np.median(ranges, axis=0)
     reach = MAX_REACH * max(high - low, abs(high + low) / 4)  # also of constants
-    ends = np.append(np.clip(ranges, low - reach, high + reach), always)
-    room = 0.1 * np.nanmax(np.abs(ends)) or 1.0  # what hardly changes does not look as if it did
-    axes.set_ylim(np.nanmin(ends) - room, np.nanmax(ends) + room)
+    ends = np.append(np.clip(ranges, low - reach, high + reach), shown)
+    room = 0.1 * np.abs(ends).max() or 1.0  # what hardly changes does not look as if it did
+    axes.set_ylim(ends.min() - room, ends.max() + room)
 
 
 def log_ticks(axis: Axis) -> None:
-    """Put plain numbers at 1, 2 and 5 times the powers of ten of a logarithmic axis."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    """Put plain numbers at the powers of ten of a logarithmic axis, and at 2 and 5 times a few."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 300 * low else (1.0,)))
     axis.set_major_formatter("{x:g}")
     axis.minorticks_off()

@@ -33,10 +33,10 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
 
     Beside it, if there are several, means with their bands, and extremes over the visits.
     """
-    # A third of a page of A4
+    figure = style.blank(9.0, 3.2, title)  # a third of a page of A4
     ratios = [2.2, 1][: len(visits)]
-    figure, grid = style.panels(1, len(ratios), 9.0, 3.2, title, width_ratios=ratios, sharey=True)
-    axes = grid[0, 0]
+    grid = figure.subplots(1, len(ratios), squeeze=False, width_ratios=ratios, sharey=True)
+    axes, *beside = grid[0]
     for place, visit in enumerate(visits):
         look = {"color": style.PALETTE[place], "linestyle": style.STYLES[place % 4]}
         band = visit.lower, visit.upper
@@ -49,19 +49,19 @@ def stiffness_of_visits(visits: Sequence[Visit], title: str = "") -> Figure:
             **look,
         )
     axes.set(xlabel=style.REALIZATION_TIME, ylabel="stiffness (N·m/rad), 95 % band")
-    if len(visits) > 1:
-        _draw_means(grid[0, 1], visits)
+    for each in beside:
+        _draw_means(each, visits)
     return style.finish(figure)
 
 
-def _draw_means(beside: Axes, visits: Sequence[Visit]) -> None:
+def _draw_means(axes: Axes, visits: Sequence[Visit]) -> None:
     for place, visit in enumerate(visits):
         if np.isfinite(visit.stiffness).any():
             ends = np.nanmin(visit.stiffness), np.nanmax(visit.stiffness)
-            beside.plot([place, place], ends, ":_", color=style.INK)
+            axes.plot([place, place], ends, ":_", color=style.INK)
             mean, half = mean_of(visit.stiffness), mean_of(visit.upper - visit.lower) / 2
             color = style.PALETTE[place]
-            beside.errorbar(place, mean, np.nan_to_num(half), fmt="o", color=color, capsize=4)
-    beside.set_xticks(range(len(visits)), [*map(str, range(1, len(visits) + 1))])
-    beside.margins(x=0.2)
-    beside.set(xlabel="visit", title="mean over time; lowest and highest")
+            axes.errorbar(place, mean, np.nan_to_num(half), fmt="o", color=color, capsize=4)
+    axes.set_xticks(range(len(visits)), [*map(str, range(1, len(visits) + 1))])
+    axes.margins(x=0.2)
+    axes.set(xlabel="visit", title="mean over time; lowest and highest")

@@ -165,7 +165,7 @@ def experiment_figures(
     prepared
         Recordings whose signals can be drawn; those of one participant are.
     """
-    one, own = representative(results), results.sel(quantity="stiffness")
+    one, own = representative(results), results.sel(quantity=["stiffness"])
     drawn = (
         "a line or a column for each method, from the least data "
         f"({'; '.join(headings(of_least_data(results), 60))}), beside the truth and the torque to "

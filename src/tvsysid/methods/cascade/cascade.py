@@ -256,7 +256,8 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     """
     fit, data, ensemble = selection.fit, selection.fit.data, selection.fit.data.ensemble
     rate, delay = ensemble.sampling_rate, fit.shape[DELAY]
-    lags = np.arange(round(NEEDED_HISTORY_S * rate) + 1) / rate
+    last = max(round(NEEDED_HISTORY_S * rate), ensemble.context)
+    lags = np.arange(last + 1) / rate
     arrivals = ensemble.time[:, None] - lags + delay
     gain = data.gain(arrivals.ravel() / ensemble.duration)
     response = (gain @ fit.posterior.mean[data.intrinsic_count :]).reshape(arrivals.shape)

@@ -74,13 +74,11 @@ def select(
 
     The settings are those of ``JointCascade``.
     """
-    data, usual_delay = Data.of(ensemble, harmonics), USUAL_DELAY_S
+    data, usual_delay = Data.of(ensemble, harmonics), EMG_DELAY_S
+    drive, shown, free = Stretch(emg=emg), True, THRESHOLD
     if emg is None:
-        test = reflex_test_of(ensemble)
+        test, usual_delay = reflex_test_of(ensemble), USUAL_DELAY_S
         drive, shown, free = Stretch(direction=test.direction), test.shown, DELAY
-    else:
-        drive, shown, free = Stretch(emg=emg), True, THRESHOLD
-        usual_delay = EMG_DELAY_S
     shape = np.array([*MEAN, delay or usual_delay])
     if shown:
         fit = limited(_refined(_fitted(data, drive, shape, free)))

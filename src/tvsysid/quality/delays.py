@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.reflex_test import HARMONICS
 from tvsysid.numerics.interpolation import SINC, advanced, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fit import (
@@ -62,8 +64,8 @@ def delay(data: FittedEnsemble) -> Measured:
     if significant:
         if data.finding("reflex").found:
             torque = data.ensemble.torque.copy()
-            reflex = data.with_reflex.pathways(data.ensemble)["reflex"]
-            torque[:, data.ensemble.core] -= np.nan_to_num(reflex)
+            model = JointCascade(HARMONICS).fit(data.ensemble)
+            torque[:, data.ensemble.core] -= np.nan_to_num(model.pathways(data.ensemble)["reflex"])
             others = _delay_in_samples(data.changed(torque=torque))
             if not FAULTS["delay"].beyond(1000 * others / data.rate):
                 raise NotApplicable("without the reflex's torque, no delay is left")

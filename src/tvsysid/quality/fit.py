@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.cascade import JointCascade
-from tvsysid.methods.cascade.reflex_test import HARMONICS, MIN_TESTED_REALIZATIONS
-from tvsysid.models import Model
+from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS
 from tvsysid.numerics.decimation import resampled
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.interpolation import advanced
@@ -193,11 +191,6 @@ class FittedEnsemble:
             raise NotApplicable(f"it takes {realizations} realizations")
         if response and self.fit.explained < MIN_EXPLAINED:
             raise NotApplicable(NO_RESPONSE)
-
-    @cached_property
-    def with_reflex(self) -> Model:
-        """Model of the joint with a stretch reflex, if one is found."""
-        return JointCascade(HARMONICS).fit(self.ensemble)
 
     @property
     def rate(self) -> float:

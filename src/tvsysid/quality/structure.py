@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.reflex_test import reflex_test_of
+from tvsysid.methods.cascade.cascade import JointCascade
+from tvsysid.methods.cascade.reflex_test import HARMONICS, reflex_test_of
 from tvsysid.methods.cascade.search import one_path_stiffness
 from tvsysid.numerics.differentiation import HALF_WIDTH, differentiate
 from tvsysid.numerics.instrument import MIN_PREDICTED, lag_samples, predicted, realization_groups
@@ -193,9 +194,10 @@ def reflex(data: FittedEnsemble) -> Measured:
         f"both directions (p = {test.over_linear:.1g})"
     )
     if test.shown:
+        fit = JointCascade(HARMONICS).select(data.ensemble).fit
         what += (
             f"; the mean stiffness is {one_path_stiffness(data.ensemble):.3g} N·m/rad with the "
-            f"reflex's torque in it, {np.nanmean(data.with_reflex.stiffness):.3g} without"
+            f"reflex's torque in it, {fit.posterior.mean[0]:.3g} without"
         )
     return Measured(100 * max(0.0, test.share), what, test.shown)
 

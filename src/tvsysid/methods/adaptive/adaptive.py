@@ -15,9 +15,9 @@ from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches
 from tvsysid.methods.adaptive.regression import A, FreeRegression, Regressors, V
 from tvsysid.methods.adaptive.search import CurveModel
 from tvsysid.methods.adaptive.whitening import pooling_reach
-from tvsysid.methods.cascade.cascade import limit_warnings
+from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
-from tvsysid.methods.cascade.search import Selection, fit_again, select
+from tvsysid.methods.cascade.search import Selection, fit_again
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.signals import Ensemble
@@ -210,7 +210,7 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
     try:
         if emg is None and not reflex_test_of(ensemble).shown:
             return None
-        selection = select(ensemble, emg=emg)
+        selection = JointCascade(emg=emg).select(ensemble)
     except InputError:  # realizations are too short
         return None
     return selection if selection.shown else None

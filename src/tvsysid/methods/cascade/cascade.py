@@ -137,7 +137,11 @@ class JointCascade(TwoPathwayMethod):
 
     def fit(self, ensemble: Ensemble) -> JointCascadeModel:
         """Return the model of an ensemble."""
-        return model_of(repr(self), select(ensemble, self.harmonics, self.delay, self.emg))
+        return model_of(repr(self), self.select(ensemble))
+
+    def select(self, ensemble: Ensemble) -> Selection:
+        """Return the fits of an ensemble from which its model is made."""
+        return select(ensemble, self.harmonics, self.delay, self.emg)
 
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""

@@ -77,7 +77,7 @@ def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
     return out
 
 
-@lru_cache(maxsize=16)  # thresholds that are tried
+@lru_cache(maxsize=1)  # fits with one threshold follow each other
 def driven(ensemble: Ensemble, drive: Drive, samples: int) -> Array:
     """Return the signal of a drive with its :func:`history`."""
     return history(ensemble, drive(ensemble), samples)

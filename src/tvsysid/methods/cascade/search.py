@@ -67,9 +67,7 @@ class Selection(NamedTuple):
 
 
 @lru_cache(maxsize=1)  # adaptive, cascade and checks ask for the same ensemble
-def select(
-    ensemble: Ensemble, harmonics: int = 25, delay: float | None = None, emg: str | None = None
-) -> Selection:
+def select(ensemble: Ensemble, harmonics: int, delay: float | None, emg: str | None) -> Selection:
     """Return the fit with a reflex if held-out realizations show one, or if EMG drives it.
 
     The settings are those of ``JointCascade``.

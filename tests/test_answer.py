@@ -89,7 +89,7 @@ def test_a_fault_that_may_make_it_wrong_makes_it_doubtful(judged, name):
         (["delay"], {"size": -7.0}, "doubtful", "Angle and torque are not recorded"),
         (["reflex"], {}, "doubtful", "Part of this stiffness is a stretch reflex: reflex was seen"),
         ([], {"known": BIASED, "suited": False}, "doubtful", "The movement repeats. Identify by"),
-        ([], {"known": LOOPED}, "good", "Movement after the torque predicts 0.4 % of it, a hint"),
+        ([], {"known": LOOPED}, "good", "Movement after the torque predicts 0.4 % of it. This is"),
     ],
 )
 def test_levels_and_their_reason(judged, faults, words, level, start):

@@ -166,6 +166,6 @@ def _show(found: Plan) -> None:
         say("assumed: pink noise of the torque, as voluntary torque is; --pilot measures yours")
     say(
         f"±: at 95 %, in N·m/rad; ± both is to be at most {found.precision:g}. ± noise "
-        "includes differences between realizations; the band of `identify` does not, but covers "
-        "errors in the speed of changes. Plan with ± noise"
+        "includes differences between realizations. The band of `identify` does not; it covers "
+        "errors in the speed of changes. Repeated recordings scatter by ± noise, not by that band"
     )

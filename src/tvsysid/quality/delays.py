@@ -68,7 +68,7 @@ def delay(data: FittedEnsemble) -> Measured:
             torque[:, data.ensemble.core] -= np.nan_to_num(model.pathways(data.ensemble)["reflex"])
             others = _delay_in_samples(data.changed(torque=torque))
             if not FAULTS["delay"].beyond(1000 * others / data.rate):
-                raise NotApplicable("without the reflex's torque, no delay is left")
+                raise NotApplicable("the torque of the reflex is late; without it, no delay shows")
         ratio = aligned.smooth_impedance[0][2] / new[2]
         if not 1 / MAX_INERTIA_RATIO < ratio < MAX_INERTIA_RATIO:
             raise NotApplicable(

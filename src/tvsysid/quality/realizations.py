@@ -39,22 +39,21 @@ RESOLUTION = 0.25  # step in frequency, times the record's length
 # Distance from a harmonic, times the record's length, within which a line is no other period. The
 # second is for a movement that drifts.
 MIN_DISTANCE, MIN_DISTANCE_DRIFTING = 0.2, 4.0
-HARMONIC_TOLERANCE = (
-    0.1  # share of a harmonic's number within which a period near the given one is named
-)
+# Share of a harmonic's number within which a period near the given one is named
+HARMONIC_TOLERANCE = 0.1
 BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a beat, no movement
 
 
 @check(
     "drift",
     "Stiffness drifts over the experiment",
-    "stiffness of the second half minus that of the first, over the first",
+    "change of stiffness from the first half to the second, with one factor for all times",
     10,
     "%",
     "doubtful",
     effect="the result is a mean of different stiffnesses and describes none of them",
-    remedy="identify the parts of the experiment separately (ensemble.select); let people rest or "
-    "warm up before",
+    remedy="identify the parts of the experiment separately, as in "
+    "tv.compare(ensemble.select(range(30))); let people rest or warm up before",
 )
 def drift(data: FittedEnsemble) -> Measured:
     """Compare the stiffness of the second half with that of the first."""
@@ -68,8 +67,8 @@ def drift(data: FittedEnsemble) -> Measured:
     error = math.sqrt(sum(len(each) * each.var(ddof=1) for each in influences))
     value = 100 * (after - before) / max(abs(before), 0.01)
     what = (
-        f"the stiffness changes by {value:+.2g} % from the first half to the second, ± "
-        f"{100 * error:.2g} %"
+        f"with one factor for all times, stiffness changes by {value:+.2g} ± {100 * error:.2g} % "
+        "from the first half to the second"
     )
     return Measured(value, what, is_significant(after - before, error, len(data)))
 

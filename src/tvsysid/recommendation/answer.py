@@ -37,9 +37,9 @@ UNPREDICTED = (
     "--torque), or record more."
 )
 POSSIBLE_LOOP = (
-    "Movement after the torque predicts {:.1f} % of it, a hint at a closed loop: if the actuator "
-    f"is compliant, noise moves the joint and stiffness is too low. {RECORD_REFERENCE}, and name "
-    "it (--channel)."
+    "Movement after the torque predicts {:.1f} % of it. This is too little for a fault, but if the "
+    f"actuator is compliant, noise moves the joint and stiffness is too low. {RECORD_REFERENCE}, "
+    "and name it (--channel)."
 )
 WIDE_SPREAD = (
     "Methods differ by ± {:.1f} N·m/rad, over a quarter of the stiffness: they do not all describe "

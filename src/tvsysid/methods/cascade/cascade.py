@@ -301,10 +301,10 @@ def _warnings(
         return
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
-            "the joint without its reflex is not of second order: its mean stiffness is "
-            f"{mean:.1f} N·m/rad by its impulse response, from which the reported stiffness is, "
-            f"and {fitted:.1f} by a second-order fit from 0.5 to 15 Hz, from which viscosity and "
-            "inertia are; report the difference as an uncertainty"
+            "the joint without its reflex is not of second order: the mean stiffness of cascade is "
+            f"{mean:.1f} N·m/rad by its impulse response, and {fitted:.1f} by a second-order fit "
+            "from 0.5 to 15 Hz, which gives viscosity and inertia; report the difference as an "
+            "uncertainty"
         )
     changes = not details["constant"]
     if changes and np.nanmax(upper - gain) > np.nanmax(gain) - np.nanmin(gain):

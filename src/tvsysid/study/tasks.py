@@ -64,7 +64,8 @@ class Task:
     depends_on: object
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # cloudpickle also sends a notebook's code. Tasks are pickled late, because they are large.
+        # cloudpickle also sends a notebook's code. It is called when a task is sent, so that copies
+        # of all tasks do not fill the memory.
         return _unpickled, (cloudpickle.dumps(attrs.asdict(self, recurse=False)),)
 
     @property

@@ -85,8 +85,8 @@ class Regressors:
     def with_reflex(cls, ensemble: Ensemble, selection: Selection) -> Regressors:
         """Return the signals of an ensemble with the selected reflex.
 
-        The columns after the acceleration are the other columns of the intrinsic response, which
-        the cascade model allows beyond inertia, those of the reflex, and the derivatives of the
+        Three kinds of columns follow the acceleration: differences of the angle of order 3 and more
+        (an intrinsic response beyond inertia), responses of the reflex, and derivatives of the
         reflex's torque by the parameters of its shape.
         """
         fit = selection.fit
@@ -224,7 +224,8 @@ class FreeRegression:
             return whitening_filters(more, signals.independent, rate, periodic)
 
         def weighted_by(filters: Array) -> Products:
-            # With a reflex, regressors model the decimated acceleration, and no low band is needed.
+            # With a reflex, velocity and acceleration are those of the angle as it was recorded,
+            # so no low band is needed.
             return Products.of(columns, filters, low_band=signals.reflex is None)
 
         filters = filters_with(WHITE_SHARE)

@@ -165,8 +165,8 @@ class KernelRegression(shared.ReferenceMethod):
         runs = runs_of(ensembles, kernel, self.band)
         moments = moments_of(runs, kernel)
         variances = np.broadcast_to(self.gamma, 3) * self._scale(moments, kernel) ** 2
-        # The paper's cost (equation 16) is a sum of squares without the factor 1/2 of a log
-        # density. So a weight has half its kernel's variance.
+        # In the paper's cost (equation 16), the term of the complex error is minus its log density.
+        # The prior's term is twice that, so a weight has half its kernel's variance.
         precision = np.outer(2 / variances, kernel.precision).ravel()
         edge = base.missing_edge(HALF_WIDTH, ensemble)
         torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)

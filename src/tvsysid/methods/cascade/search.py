@@ -31,6 +31,7 @@ from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Ensemble
 
 EMG_DELAY_S = 0.01
+INITIAL_THRESHOLD = 0.15  # rad/s
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
@@ -73,11 +74,12 @@ def select(ensemble: Ensemble, harmonics: int, delay: float | None, emg: str | N
     The settings are those of ``JointCascade``.
     """
     data, usual_delay = Data.of(ensemble, harmonics), EMG_DELAY_S
-    drive, shown, free = Stretch(emg=emg), True, THRESHOLD
+    drive, shown, free, threshold = Stretch(emg=emg), True, THRESHOLD, 0.0
     if emg is None:
         test, usual_delay = reflex_test_of(ensemble), USUAL_DELAY_S
         drive, shown, free = Stretch(direction=test.direction), test.shown, DELAY
-    shape = np.array([*MEAN, delay or usual_delay])
+        threshold = INITIAL_THRESHOLD * shown
+    shape = np.array([*MEAN[:THRESHOLD], threshold, delay or usual_delay])
     if shown:
         fit = limited(_refined(_fitted(data, drive, shape, free)))
         return Selection(drive, fit, fit)

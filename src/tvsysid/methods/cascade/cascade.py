@@ -11,6 +11,7 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.cascade.columns import NEEDED_HISTORY_S, muscle, unresolved
 from tvsysid.methods.cascade.fit import (
     DELAY,
+    HIGHEST,
     IS_LOG,
     SHAPE_NAMES,
     THRESHOLD,
@@ -28,6 +29,7 @@ from tvsysid.validators import at_least, optional, positive, text
 
 MAX_STIFFNESS_GAP = 0.1  # share by which stiffness may differ from that of a second-order fit
 ROUNDING = 1e-9  # share of the mean stiffness
+MAX_THRESHOLD_ERROR = 0.1  # rad/s, a third of the prior's standard deviation
 MAX_LOST = 0.01  # share of the torque that the limits of viscosity and gain may cost
 
 
@@ -299,6 +301,12 @@ def _warnings(
             "joint without one, and reflex_gain with its band is what the data leave room for"
         )
         return
+    threshold, error = used.shape[THRESHOLD], details.get("threshold_error", 0.0)
+    if threshold == HIGHEST[THRESHOLD] or error > MAX_THRESHOLD_ERROR:
+        yield (
+            f"the reflex's threshold is uncertain ({threshold:.2g} ± {error:.2g} rad/s), as "
+            "happens if all movements are equally fast; with another threshold, its gain differs"
+        )
     if abs(fitted - mean) > MAX_STIFFNESS_GAP * abs(mean):
         yield (
             "the joint without its reflex is not of second order: the mean stiffness of cascade is "

@@ -250,7 +250,9 @@ def write_experiment(
     scores = score(results)
     summary, claims = summarize(scores), judge_experiment(results, scores)
     figures = experiment_figures(results, summary, prepared)
-    pictures = draw_all(figures, folder / "figures", call_each)
+    # The last figures, those of all realizations, take longest. They are drawn first.
+    drawn = draw_all(dict(reversed(figures.items())), folder / "figures", call_each)
+    pictures = {stem: drawn[stem] for stem in figures}
     tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}
     files = ["report.html", "figures/"]
     if len(claims):

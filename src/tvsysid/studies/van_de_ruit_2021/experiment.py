@@ -252,7 +252,7 @@ def write_experiment(
     figures = experiment_figures(results, summary, prepared)
     # The last figures, those of all realizations, take longest. They are drawn first.
     drawn = draw_all(dict(reversed(figures.items())), folder / "figures", call_each)
-    pictures = {stem: drawn[stem] for stem in figures}
+    pictures = dict(reversed(drawn.items()))
     tables = {"summary.csv": summary, "stiffness.csv": stiffness_over_time(results)}
     files = ["report.html", "figures/"]
     if len(claims):

@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import USUAL_SHAPE
 from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch
-from tvsysid.numerics.gaussian import least_squares
+from tvsysid.numerics.gaussian import Moments, least_squares
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Array, Ensemble
 
@@ -57,7 +58,9 @@ def is_time_varying(ensemble: Ensemble) -> bool:
         data, late = _columns(ensemble, TESTED_HARMONICS)
     except InputError:
         return False
-    constant, changing = (_held_out(each, late) for each in (data.constant, data))
+    constant, changing = (
+        _held_out(each, each.products(late), late) for each in (data.constant, data)
+    )
     return _improvement(data, constant, changing)[0] < MAX_P_VALUE
 
 
@@ -89,11 +92,18 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     Clark & West 2007, J. Econometrics 138, 291-311: nested models by what they predict.
     """
     data, both = _columns(ensemble, HARMONICS)
-    gains = least_squares(data.moments(both)).mean[-2:]
+    products = data.products(both)
+    gains = least_squares(Moments.of(products.sum(axis=0), data.number)).mean[-2:]
     index = int(np.argmax(np.abs(gains)))
-    directed, linear = both[index : index + 1], both.sum(axis=0, keepdims=True)
-    by_none, by_directed, by_linear, by_both = (
-        _held_out(data, late) for late in (both[:0], directed, linear, both)
+
+    def held_out(directions: Array) -> Array:
+        """Return the residual torque beside sums of both directions, (sum, direction)."""
+        columns = block_diag(np.eye(data.intrinsic_count), directions, 1)
+        return _held_out(data, columns @ products @ columns.T, np.tensordot(directions, both, 1))
+
+    each = np.eye(2)
+    by_none, by_directed, by_linear, by_both = map(
+        held_out, (each[:0], each[index : index + 1], np.ones((1, 2)), each)
     )
     over_none, share_over_none = _improvement(data, by_none, by_directed)
     over_linear, share_over_linear = _improvement(data, by_linear, by_both)
@@ -127,9 +137,9 @@ def _columns(ensemble: Ensemble, harmonics: int) -> tuple[Data, Array]:
     return attrs.evolve(data, noise=autocorrelation(left)), late
 
 
-def _held_out(data: Data, late: Array) -> Array:
+def _held_out(data: Data, products: Array, late: Array) -> Array:
     """Return the residual torque of held-out realizations beside late columns."""
-    return data.held_out(data.products(late), late, lambda moments: least_squares(moments).mean)
+    return data.held_out(products, late, lambda moments: least_squares(moments).mean)
 
 
 def _improvement(data: Data, simple: Array, further: Array) -> tuple[float, float]:

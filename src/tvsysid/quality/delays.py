@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from tvsysid.methods.cascade.cascade import JointCascade
-from tvsysid.methods.cascade.reflex_test import HARMONICS
+from tvsysid.methods.cascade.cascade import reflex_torque
 from tvsysid.numerics.interpolation import SINC, advanced, between
 from tvsysid.quality.checks import FAULTS, Measured, NotApplicable, check
 from tvsysid.quality.fit import (
@@ -63,9 +62,7 @@ def delay(data: FittedEnsemble) -> Measured:
     old, new = (each.mean_impedance[0] for each in (data.fit, aligned))
     if significant:
         if data.finding("reflex").found:
-            torque = data.ensemble.torque.copy()
-            model = JointCascade(HARMONICS).fit(data.ensemble)
-            torque[:, data.ensemble.core] -= np.nan_to_num(model.pathways(data.ensemble)["reflex"])
+            torque = data.ensemble.torque - reflex_torque(data.ensemble)
             others = _delay_in_samples(data.changed(torque=torque))
             if not FAULTS["delay"].beyond(1000 * others / data.rate):
                 raise NotApplicable("the torque of the reflex is late; without it, no delay shows")

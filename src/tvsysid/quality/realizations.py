@@ -228,7 +228,7 @@ def _stiffness_changes(fit: SecondOrderFit) -> Array:
     power = np.add.reduceat(np.mean(alone * motion[0], axis=0), edges)
     if power.min() <= 0:
         raise NotApplicable("the angle does not move at all times")
-    return np.asarray(np.add.reduceat(alone * left, edges, axis=1) / power)
+    return np.add.reduceat(alone * left, edges, axis=1) / power
 
 
 def _shared_variances(change: Array) -> Array:
@@ -237,7 +237,8 @@ def _shared_variances(change: Array) -> Array:
     place = np.linspace(-1, 1, len(change))
     slow = np.stack([np.ones_like(place), place, np.sign(place)], axis=1)
     change = change - slow @ np.linalg.lstsq(slow, change, rcond=None)[0]
-    is_far = np.abs(np.subtract.outer(np.arange(PARTS), np.arange(PARTS))) > 1
+    parts = np.arange(PARTS)
+    is_far = np.abs(np.subtract.outer(parts, parts)) > 1
     variances = np.empty(len(change))
     for out in np.array_split(np.arange(len(change)), FOLDS):
         others = np.delete(change, out, axis=0)
@@ -315,8 +316,8 @@ def wrong_period(data: FittedEnsemble) -> Measured:
     beating = lines(left * fit.white_parts[2], ensemble)[1]
     width = 2 * round(1 / RESOLUTION) + 1
     is_beat = uniform_filter1d(beating, width) > BEAT_RATIO * uniform_filter1d(coherent, width)
-    given, longest = ensemble.duration, _longest(ensemble)
-    beside = np.abs(frequencies - np.round(frequencies * given) / given) * longest
+    given = ensemble.duration
+    beside = np.abs(frequencies - np.round(frequencies * given) / given) * _longest(ensemble)
     is_harmonic = beside < (MIN_DISTANCE_DRIFTING if data.finding("drift").found else MIN_DISTANCE)
     coherent[is_beat | is_harmonic] = 0
     amplitude = 200 * np.sqrt(power) / np.sum(fit.white_parts[0] ** 2)
@@ -339,8 +340,8 @@ def _period(frequency: float, given: float) -> float:
 
 def _longest(ensemble: Ensemble) -> float:
     """Return the duration in s of the longest trial, as far as it was cut."""
-    onsets, trials = ensemble.onsets, ensemble.trials
-    spans = (np.ptp(onsets[trials == trial]) for trial in np.unique(trials))
+    trials = ensemble.trials
+    spans = (np.ptp(ensemble.onsets[trials == trial]) for trial in np.unique(trials))
     return float(max(spans) + ensemble.duration)
 
 

@@ -66,8 +66,7 @@ def gained_share(target: Array, regressors: Array, known: Array | None = None) -
     With ``known`` regressors, both are first adjusted for these.
     """
     if known is not None:
-        target = without(target, known)
-        regressors = without(regressors, known)
+        target, regressors = (without(each, known) for each in (target, regressors))
     return float(gains(target, regressors).sum() / (np.sum(target**2) + TINY))
 
 
@@ -93,5 +92,5 @@ def filtered(signal: Array, taps: Array) -> Array:
 
 def over_usual(values: Array, quantile: float) -> Array:
     """Return values over one of their quantiles, or zero where that is zero."""
-    usual = float(np.quantile(values, quantile))
+    usual = np.quantile(values, quantile)
     return values / usual if usual > 0 else np.zeros_like(values)

@@ -55,10 +55,10 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     if not declared:
         _require_leading(data, reference)
     moved, explained = _moved_angle(data, reference)
+    share = f"{max(0.0, 100 * explained):.2g} %"
     if not explained >= MIN_PREDICTED:
         raise NotApplicable(
-            f"the disturbance {reference!r} hardly moves the angle: it predicts "
-            f"{_percent(explained)} of it"
+            f"the disturbance {reference!r} hardly moves the angle: it predicts {share} of it"
         )
     fit, first = data.fit, data.region.start - HALF_WIDTH
     instrument = differentiate(moved, data.rate)[:, :, first : first + fit.torque.shape[1]]
@@ -75,7 +75,7 @@ def loop_bias(data: FittedEnsemble, reference: str, declared: bool = True) -> Me
     closed = open_loop + missing.sum()
     what = (
         f"the mean stiffness is {open_loop:.3g} N·m/rad in open loop, {closed:.3g} with "
-        f"{reference!r} as the reference, which predicts {_percent(explained)} of the angle; "
+        f"{reference!r} as the reference, which predicts {share} of the angle; "
         f"identify by --method kbr:reference={reference},weighting=residual"
     )
     value = -100 * missing.sum() / abs(closed)
@@ -187,9 +187,10 @@ def reflex(data: FittedEnsemble) -> Measured:
         test = reflex_test_of(data.ensemble)
     except InputError as error:
         raise NotApplicable(TOO_SHORT) from error
+    share = 100 * max(0.0, test.share)
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
-        f"{_percent(test.share)} of the residual torque 40 to 330 ms later; this is better than "
+        f"{share:.2g} % of the residual torque 40 to 330 ms later; this is better than "
         f"without a reflex (p = {test.over_none:.1g}), and better than with an equal response to "
         f"both directions (p = {test.over_linear:.1g})"
     )
@@ -199,7 +200,7 @@ def reflex(data: FittedEnsemble) -> Measured:
             f"; the mean stiffness is {one_path_stiffness(data.ensemble):.3g} N·m/rad with the "
             f"reflex's torque in it, {fit.posterior.mean[0]:.3g} without"
         )
-    return Measured(100 * max(0.0, test.share), what, test.shown)
+    return Measured(share, what, test.shown)
 
 
 @check(
@@ -229,10 +230,6 @@ def slow_answer(data: FittedEnsemble) -> Measured:
 
 def _gained(gain: Array, target: Array, what: str) -> Measured:
     """Return the share of a signal that is predicted, from the gain in each realization."""
-    share = gain.sum() / np.sum(target**2)
+    share = 100 * max(0.0, gain.sum() / np.sum(target**2))
     is_sure = share > 0 and is_mean_significant(gain)
-    return Measured(100 * max(0.0, share), what.format(_percent(share)), is_sure)
-
-
-def _percent(share: float) -> str:
-    return f"{max(0.0, 100 * share):.2g} %"
+    return Measured(share, what.format(f"{share:.2g} %"), is_sure)

@@ -20,6 +20,7 @@ from tvsysid.methods.cascade.fit import (
 )
 from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import TwoPathwayModel
+from tvsysid.methods.cascade.reflex_test import HARMONICS
 from tvsysid.methods.cascade.search import Hyperparameters, Selection, fit_again, select
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.bands import arc_length
@@ -320,6 +321,17 @@ def _warnings(
             "the reflex gain's change over time is not identified: its band is wider than its "
             "range; only its mean is"
         )
+
+
+def reflex_torque(ensemble: Ensemble) -> Array:
+    """Return the torque of the reflex in N·m, shape (realization, context + time + context).
+
+    It is that of the fit with which checks look for a reflex, and 0 where it is unknown.
+    """
+    torque = np.zeros(ensemble.torque.shape)
+    model = JointCascade(HARMONICS).fit(ensemble)
+    torque[:, ensemble.core] = np.nan_to_num(model.pathways(ensemble)["reflex"])
+    return torque
 
 
 def limit_warnings(lost: float) -> Iterator[str]:

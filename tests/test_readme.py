@@ -64,7 +64,7 @@ def test_a_recording_is_diagnosed_as_told(tmp_path, monkeypatch, capsys):
     assert stopped.value.code == 0
     assert (tmp_path / "tvsysid-inspect" / "ankle.mat.angle-torque.diagnosis.html").exists()
     count = len(tv.quality.FAULTS)
-    assert f"looks for {count} things" in README
+    assert f"looks for [{count} faults]" in README
     assert f"no fault found ({count - 4} of {count} checks are possible)" in " ".join(
         capsys.readouterr().out.split()
     )

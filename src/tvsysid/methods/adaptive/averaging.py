@@ -169,7 +169,8 @@ class ModelAverage:
     def probability(self, wanted: Callable[[CurveModel], bool]) -> float:
         """Return the probability of all models of a kind together."""
         probabilities = softmax([each.evidence for each in self.models])
-        return float(probabilities @ [wanted(each) for each in self.models])
+        total = float(probabilities @ [wanted(each) for each in self.models])
+        return min(total, 1.0)  # a sum may exceed 1 by rounding, and the rest would print as -0 %
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:

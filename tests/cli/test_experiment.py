@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from scipy.io import savemat
+from tests.cli.conftest import text_of
 from tests.study.recorded.conftest import write_trials
 
 import tvsysid as tv
@@ -43,6 +44,8 @@ def test_virtual_participants(tvsysid, tmp_path, request):
     assert code == 0
     assert "warning" not in err
     folder = tmp_path / "tvsysid-experiment"
+    page = text_of(folder / "report.html")
+    assert "tvsysid experiment --virtual 1 --perturbation prbs --method birf" in page
     assert (folder / "diagnosis.html").exists()
     excluded = pd.read_csv(folder / "exclusions.csv")
     assert len(excluded) == 300

@@ -3,10 +3,11 @@
 The method in ``adaptive`` takes four steps:
 
 1. ``regression`` estimates stiffness at each time by itself, by weighted least
-   squares over realizations, with the covariance of its error. From here on there are no
-   realizations, only this curve and its error.
-2. ``prior`` lists the smooth parts that stiffness may have: kernels of some amplitude and length.
-   ``smooth_priors`` is the place for another kernel. ``search`` finds sets of switches for them.
+   squares over realizations, with the covariance of its error. All further steps use this curve,
+   its error and the number of realizations.
+2. ``prior`` lists the smooth parts that stiffness may have: stationary kernels of some amplitude
+   and length. ``smooth_priors`` is the place for another one. ``search`` finds sets of switches for
+   them. ``evidence`` then adds sums of few harmonics to the smooth parts.
 3. A model is a smooth part with a set of switches. ``evidence`` has the probability of the curve
    under each model, with all coefficients integrated out. A smooth part that may change fast fits
    many curves, so each of them has a low probability. One that changes too slowly leaves a

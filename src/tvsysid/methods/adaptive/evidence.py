@@ -40,7 +40,7 @@ from tvsysid.numerics.gaussian import Moments, solve
 MIN_DISTANCE = 1.0  # samples between two switches
 MAX_HARMONIC = 12  # highest harmonic in a sum of few
 MAX_WAVES = 8  # number of cosines and sines in such a sum
-WAVES_PROBABILITY = 0.1  # prior weight of all such sums; that of no smooth part is 0.5
+WAVES_PROBABILITY = 0.1  # prior weight of all such sums, besides the 1 of ``smooth_priors``
 WAVE_ODDS = 1 / 20  # prior odds that a cosine or a sine is in the sum
 
 

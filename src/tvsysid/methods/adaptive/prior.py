@@ -22,7 +22,9 @@ LEVEL = 30.0  # standard deviation of the constant
 AMPLITUDES = (0.02, 0.05, 0.125, 0.3, 0.7)  # prior standard deviations of a smooth part
 MIN_LENGTH = 4.0  # samples; shortest length of a smooth part
 LENGTH_RATIO = 1.6  # from one length to the next
-MAX_LENGTH = 1 / 1.2  # periods; from here on, only the first harmonic exceeds MIN_VARIANCE
+# Periods. The longest length exceeds MAX_LENGTH / LENGTH_RATIO = 0.52: of a squared-exponential
+# process, only the first harmonic is then above MIN_VARIANCE.
+MAX_LENGTH = 1 / 1.2
 # Cycles per length up to which a squared-exponential process has all but 1e-6 of its variance
 MAX_FREQUENCY = 0.78
 MIN_VARIANCE = 1e-7  # of a harmonic, relative to the first; fainter ones are left out
@@ -39,7 +41,7 @@ class SmoothPrior(NamedTuple):
     """Prior of a constant and a smooth part.
 
     ``variances`` (feature,) are those of the coefficients of the constant, and of the cosines and
-    sines of each harmonic. ``log_prior`` is the log probability of this prior among all.
+    sines of each harmonic. ``log_prior`` is the log of this prior's weight among all.
     """
 
     log_prior: float
@@ -129,10 +131,11 @@ def matern(frequencies: Array) -> Array:
 def smooth_priors(axis: Axis) -> list[SmoothPrior]:
     """Return the priors of the smooth part, one for each kernel, length and amplitude.
 
-    The first prior has no smooth part. Its probability is 1/2. The kernels share the rest.
+    The first prior has no smooth part. Its weight is 1/2, and so is that of all kernels together.
+    Sums of few harmonics are added later (``few_harmonics``), with a weight of 1/10 besides.
 
     The spectrum of a kernel gives the variances of the cosines and sines of each harmonic. To add a
-    kernel, write its spectrum, and add it with lengths and amplitudes to ``kernels``.
+    stationary kernel, write its spectrum, and add it with lengths and amplitudes to ``kernels``.
     """
     frequencies = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
     shortest = max(MIN_LENGTH, MAX_FREQUENCY * axis.period / (axis.harmonics + 1))

@@ -2,7 +2,8 @@ r"""Regression of torque on angle with a stiffness that is free at each time.
 
 .. math:: y_r(t) = k(t)\,\theta_r(t) + b\,\dot\theta_r(t) + I\,\ddot\theta_r(t) + e_r(t)
 
-Realizations r are summed first, so that everything else is arrays over time.
+The estimates need only :class:`Products`, which are sums over realizations r. New weights between
+times need new sums.
 """
 
 from __future__ import annotations
@@ -266,7 +267,8 @@ class Products(NamedTuple):
     for these and every signal but the angle, such as :math:`\sum_r \theta_r \circ W
     \ddot\theta_r`. ``gram`` (constant, signal): each column that has a constant coefficient, times
     each signal but the angle. ``mixed`` (2, constant, time): the same columns, times angle and
-    velocity at each time.
+    velocity at each time. The axes of signals and constants begin with the velocity; that of the
+    signals ends with the torque.
     """
 
     free_gram: Array
@@ -304,7 +306,7 @@ class FreeCoefficient(NamedTuple):
     signal's column times its constant, minus ``coupling`` (time, time) @ the other free
     coefficient.
     ``covariance`` (time, time) is due to noise.
-    ``inertia`` is the index of the acceleration among the signals.
+    ``inertia`` is the index of the acceleration among these signals.
     """
 
     inertia: int
@@ -322,6 +324,7 @@ class FreeCoefficient(NamedTuple):
         inverse = covariance = root.T @ root
         if noise_weighted is not weighted:
             covariance = inverse @ noise_weighted.free_gram[signal, signal] @ inverse
+        # Signals are numbered from V on here: those from ``signal`` on follow this one.
         explaining = inverse @ weighted.free_cross[signal, signal:].T
         coupling = inverse @ weighted.free_gram[signal, 1 - signal]
         return cls(A - 1 - signal, explaining, coupling, covariance)

@@ -39,8 +39,8 @@ class CurveModel(NamedTuple):
     size prior. If the positions are refined, ``possible_positions`` holds the positions that each
     switch may have, and their probabilities. ``log_volume`` is the log of the evidence integrated
     over these positions in samples, less that of the evidence at the best ones. ``evidence`` is the
-    integrated log evidence, priors included, for a ``size_prior``, an index of the result of
-    ``switch_evidence``.
+    score with one ``size_prior`` (an index of the result of ``switch_evidence``) instead of the
+    best, plus ``log_volume`` and the log probabilities of this size prior and of an unusual smear.
     """
 
     smooth: SmoothFit
@@ -53,7 +53,7 @@ class CurveModel(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Score with the positions of the switches integrated out."""
+        """Score, of the best size prior, with the positions of the switches integrated out."""
         return self.score + self.log_volume
 
     def is_constant(self) -> bool:
@@ -131,7 +131,7 @@ class Grid:
 
 
 def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
-    """Return a smooth part with the best single switch, or with none where that is better."""
+    """Return a smooth part with the best switch of the usual size, or with none if that is better."""
     steps = smooth.beside(grid.steps)
     evidence = column_evidence(steps.power, steps.cross, USUAL_SWITCH_SIZE**2)
     score = smooth.score + evidence.max() - math.log(smooth.estimate.axis.times)

@@ -131,7 +131,7 @@ class Grid:
 
 
 def first_model(smooth: SmoothFit, grid: Grid) -> CurveModel:
-    """Return a smooth part with the best switch of the usual size, or with none if that is better."""
+    """Return a smooth part with the best switch of the usual size, or none if that is better."""
     steps = smooth.beside(grid.steps)
     evidence = column_evidence(steps.power, steps.cross, USUAL_SWITCH_SIZE**2)
     score = smooth.score + evidence.max() - math.log(smooth.estimate.axis.times)

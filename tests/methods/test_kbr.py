@@ -5,9 +5,7 @@ from tests.conftest import ensemble_of
 from tests.numerics.test_gaussian import moments_of
 
 import tvsysid as tv
-from tvsysid.methods.kbr import record
-from tvsysid.methods.kbr.kbr import fit
-from tvsysid.methods.kbr.kernel import Kernel
+from tvsysid.methods.kbr.fit import fitted_weights
 
 # The paper's settings for its experiment (section 4.2).
 EXPERIMENT = tv.KernelRegression(length_periodic=np.exp(-1), length_decay=30.0, gamma=13.8)
@@ -65,13 +63,10 @@ DEGREE = np.degrees(1.0)  # 1 N·m/deg in N·m/rad
 def test_of_the_papers_joint_gamma_counts_in_newton_metres_per_degree(profile, perturbation):
     for duration in (40.0, 150.0):
         ensemble = ensemble_of(duration, profile, perturbation)
-        kernel = Kernel.of(ensemble, 1.0, np.inf)
-        moments = record.moments_of(record.runs_of([ensemble], kernel, (0.0, 20.0)), kernel)
-        scale = tv.KernelRegression()._scale(moments, kernel)
-        assert scale == pytest.approx(DEGREE, rel=0.04)
         own, fixed = (
             tv.KernelRegression(scale=scale).identify(ensemble) for scale in (None, DEGREE)
         )
+        assert own.scale == pytest.approx(DEGREE, rel=0.04)
         assert np.abs(own.stiffness - fixed.stiffness).max() < 0.2
 
 
@@ -115,7 +110,7 @@ def test_the_fit_equals_its_equations(random, has_instruments):
     y = x @ [2, 0.03, 150] + noise
     precision = np.array([0.0, 1e3, 1e-3])
     moments = moments_of(np.hstack([x, z] if has_instruments else [x]), y)
-    found = fit(moments, precision)
+    found = fitted_weights(moments, precision)
     p, s = np.diag(precision), found.noise_variance
     inverse = np.linalg.inv(z.T @ x + s * p)
     np.testing.assert_allclose(found.mean, inverse @ z.T @ y, rtol=1e-9)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import partial
 from typing import Any, Literal
 
 import attrs
@@ -11,19 +11,13 @@ import numpy as np
 
 from tvsysid.methods import base, responses, shared
 from tvsysid.methods.kbr import search
+from tvsysid.methods.kbr.fit import fitted_weights
 from tvsysid.methods.kbr.kernel import ENDLESS, Kernel, clocks_of
 from tvsysid.methods.kbr.record import moments_of, runs_of, whitened
 from tvsysid.methods.tuning import Evidence
 from tvsysid.models import IMPEDANCE, Diagnostics, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH, derivative_filters
-from tvsysid.numerics.gaussian import (
-    SMALLEST_RESIDUAL,
-    FittedWeights,
-    Moments,
-    Posterior,
-    by_instruments,
-    solve,
-)
+from tvsysid.numerics.gaussian import FittedWeights, Moments, solve
 from tvsysid.numerics.instrument import MIN_PREDICTED
 from tvsysid.numerics.noise import power_in_band
 from tvsysid.signals import Array, Ensemble
@@ -36,9 +30,6 @@ NM_PER_DEG = math.degrees(1.0)  # 1 N·m/deg in N·m/rad
 PAPER_MODULUS = 100.0
 # iterations of the residual weights; one more changes stiffness by 1 % of its standard error
 REWEIGHTED = 2
-CONVERGED = 1e-5  # relative change of the noise variance at which iterations stop
-ITERATIONS = 50  # maximum number of noise variances tried
-INITIAL_NOISE = 1e-2  # initial noise variance, as a share of the torque's power
 
 
 def _numbers(value: Any, count: int) -> bool:
@@ -61,7 +52,7 @@ class KernelRegression(shared.ReferenceMethod):
     r"""Impedance that changes smoothly and almost periodically, fitted in the frequency domain.
 
     .. math:: y(t) = \sum_{m=0}^{2} b_m(t)\,\theta^{(m)} - f_{ext}(t), \qquad
-              b_m = \bar b_m + \tilde b_m, \quad \tilde b_m \sim GP(0, K)
+              b_m = \bar b_m + \tilde b_m, \quad \tilde b_m \sim GP(0, K / 2)
 
     .. math:: \min_{b} \sum_{k} \frac{|E(k)|^2}{\hat\sigma_E^2}
               + \sum_m \tilde b_m^T K^{-1} \tilde b_m, \qquad
@@ -69,9 +60,11 @@ class KernelRegression(shared.ReferenceMethod):
 
     (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
     are stiffness, viscosity and inertia: the paper's Na = 0 and Nb = 2. E is the spectrum of the
-    equation error over each unbroken run of realizations. The kernel K says how fast the b may
-    change. Its period p is the duration of a realization. ``tuned`` chooses gamma, l1 and l2 by
-    maximum evidence.
+    equation error over each unbroken run of realizations. Its variance is that of a complex number,
+    so the first term of the cost is minus a log density. The second term is twice as much, so the
+    paper's cost implies a prior covariance of K / 2. The kernel K says how fast the b may change.
+    Its period p is the duration of a realization. ``tuned`` chooses gamma, l1 and l2 by maximum
+    evidence, with white weights even if the ``weighting`` is ``"residual"``.
 
     Parameters
     ----------
@@ -82,15 +75,15 @@ class KernelRegression(shared.ReferenceMethod):
         l2 in s: time over which the periods become different. From 20 record lengths on, the kernel
         is strictly periodic.
     gamma
-        Prior variances of stiffness, viscosity and inertia about their means, or one number for all
-        three, in units of the ``scale`` squared. The paper gives one, without a unit.
+        Of stiffness, viscosity and inertia, or one number for all three, in units of the ``scale``
+        squared: twice the prior variance about the mean. The paper gives one, without a unit.
     band
         Lowest and highest frequency in Hz of the equation error that is fitted.
     scale
-        Standard deviation of stiffness in N·m/rad for a gamma of 1 (of viscosity in N·m·s/rad, of
-        inertia in kg·m²). If None, it is 0.573 times the modulus at 1 Hz of the constant impedance
-        that fits the data best, so that gamma has no unit. For the paper's joint, with a mean of
-        100 N·m/rad, this is 57.3 N·m/rad, or 1 N·m/deg. ``scale=57.29578`` fixes that value.
+        Unit of the root of gamma in N·m/rad (of viscosity in N·m·s/rad, of inertia in kg·m²). If
+        None, it is 0.573 times the modulus at 1 Hz of the constant impedance that fits the data
+        best, so that gamma has no unit. For the paper's joint, with a mean of 100 N·m/rad, this is
+        57.3 N·m/rad, or 1 N·m/deg. ``scale=57.29578`` fixes that value.
     reference
         Channel with the disturbance that was applied, for a joint in closed loop, where torque
         noise also moves the angle. The angle that the reference predicts
@@ -104,9 +97,9 @@ class KernelRegression(shared.ReferenceMethod):
 
     Notes
     -----
-    The unit of gamma is a convention, not a reconstruction. With 1 N·m/rad, the paper's 4.5 would
-    hold stiffness within 2 N·m/rad of a constant. With 1 N·m/deg it allows some 120 N·m/rad, and
-    gives figures like the paper's.
+    The unit of gamma is a convention, not a reconstruction. With 1 N·m/rad, the paper's 4.5 is a
+    prior standard deviation of stiffness of 1.5 N·m/rad, which keeps it almost constant. With
+    1 N·m/deg it is 86 N·m/rad, which gives figures like the paper's.
 
     The kernel is used in a low-rank form: Fourier series with known variances times eigenfunctions
     of the decay (:mod:`tvsysid.methods.kbr.kernel`), which makes the problem a ridge regression
@@ -164,148 +157,91 @@ class KernelRegression(shared.ReferenceMethod):
         kernel = Kernel.of(ensemble, self.length_periodic, self.length_decay)
         runs = runs_of(ensembles, kernel, self.band)
         moments = moments_of(runs, kernel)
-        variances = np.broadcast_to(self.gamma, 3) * self._scale(moments, kernel) ** 2
-        # In the paper's cost (equation 16), the term of the complex error is minus its log density.
-        # The prior's term is twice that, so a weight has half its kernel's variance.
-        precision = np.outer(2 / variances, kernel.precision).ravel()
+        scale = self.scale or fitted_scale(moments, kernel)
+        variances = np.broadcast_to(self.gamma, 3) * scale**2 / 2
+        precision = np.outer(1 / variances, kernel.precision).ravel()
+        posterior = fitted_weights(moments, precision)
+        residuals = residuals_of(ensemble, kernel, posterior.mean)
+        for _ in range(REWEIGHTED * (self.weighting == "residual")):
+            runs = whitened(runs, residuals)
+            posterior = fitted_weights(moments_of(runs, kernel), precision)
+            residuals = residuals_of(ensemble, kernel, posterior.mean)
         edge = base.missing_edge(HALF_WIDTH, ensemble)
-        torque, known = ensemble.torque[:, ensemble.core], slice(edge, ensemble.samples - edge)
-        reweighted = REWEIGHTED * (self.weighting == "residual")
-        for remaining in range(reweighted, -1, -1):
-            posterior = fit(moments, precision)
-            impedances = impedance_over(ensemble, kernel, posterior.mean)
-            residuals = (torque - shared.second_order_torque(ensemble, impedances))[:, known]
-            if remaining:
-                runs = whitened(runs, residuals)
-                moments = moments_of(runs, kernel)
         # If each run is a single realization, none has derivatives at its ends.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
-        impedance = impedances.mean(axis=0)
-        impedance[:missing] = impedance[len(impedance) - missing :] = np.nan
-        # The error E is complex: its variance is twice that of its real part.
+        columns = kernel.means(*times_of(ensemble, kernel))
+        known = columns[missing : ensemble.samples - missing]
+        impedance = known @ posterior.mean.reshape(3, -1).T
+        errors = partial(self._errors, posterior, known, residuals, instrument)
         details = {
-            "noise_variance": 2 * posterior.noise_variance,
+            "noise_variance": 2 * posterior.noise_variance,  # of the complex error
             "second_order_agreement": shared.residual_agreement(instrument, residuals, edge),
         }
-        low, high = (min(frequency / ensemble.sampling_rate, 0.5) for frequency in self.band)
-
-        def errors() -> dict[str, StandardError]:
-            # The posterior does not know that a mean over realizations was subtracted.
-            factors = len(ensemble) / shared.independent_realizations(ensemble) * np.ones(3)
-            # The posterior assumes that the noise is white in the band.
-            if self.weighting == "white":
-                filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
-                share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
-                noise, coloured = shared.noise_colour(instrument, residuals, share, filters)
-                factors *= coloured / power_in_band(noise, low, high)
-            times = np.broadcast_arrays(*times_of(ensemble, kernel))
-            mean_features = np.asarray(sum(map(kernel, *times))) / len(times[0])
-            expansion = mean_features[missing : ensemble.samples - missing]
-            blocks = posterior.covariance.reshape((3, kernel.columns) * 2)
-            return shared.posterior_errors(
-                np.stack([expansion] * 3),
-                np.einsum("qiqj->qij", blocks),  # covariance of each quantity with itself
-                max(1.0, 2 * residuals.size * (high - low) - posterior.effective),
-                ensemble.samples,
-                factors,
-            )
-
         return KernelModel(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(impedance, errors),
+            estimates=shared.impedance_estimates(base.padded(impedance, missing), errors),
             posterior=posterior,
-            labels=tuple(f"{name} {j}" for name in IMPEDANCE for j in range(kernel.columns)),
+            labels=tuple(f"{name} {j}" for name in IMPEDANCE for j in range(kernel.column_count)),
             kernel=kernel,
+            scale=scale,
             diagnostics=Diagnostics(posterior.effective, details=details),
         )
 
-    def _scale(self, moments: Moments, kernel: Kernel) -> float:
-        """Return the stiffness in N·m/rad that corresponds to a gamma of 1.
+    def _errors(
+        self, posterior: FittedWeights, columns: Array, residuals: Array, instrument: Ensemble
+    ) -> dict[str, StandardError]:
+        """Return the standard errors of means over realizations.
 
-        It follows from the modulus at 1 Hz, which does not depend on the perturbation or the noise,
-        and is not 0 for a joint without stiffness.
+        The ``columns`` (time, column) of the kernel are averaged over realizations, too.
         """
-        if self.scale is not None:
-            return self.scale
-        # The first column of each signal is the constant feature. The last three signals before the
-        # torque are the angle, or the one predicted from a reference, and its derivatives.
-        constants = np.arange(0, len(moments.cross), kernel.columns)[-3:]
-        impedance = solve(moments.take(constants), np.zeros(3)).mean
-        modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
-        return NM_PER_DEG / PAPER_MODULUS * float(modulus)
+        low, high = (min(frequency / instrument.sampling_rate, 0.5) for frequency in self.band)
+        # The posterior does not know that a mean over realizations was subtracted.
+        factors = len(instrument) / shared.independent_realizations(instrument) * np.ones(3)
+        # The posterior assumes that the noise is white in the band.
+        if self.weighting == "white":
+            filters = derivative_filters(HALF_WIDTH, instrument.sampling_rate)
+            share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
+            noise, coloured = shared.noise_colour(instrument, residuals, share, filters)
+            factors *= coloured / power_in_band(noise, low, high)
+        blocks = posterior.covariance.reshape((3, columns.shape[1]) * 2)
+        return shared.posterior_errors(
+            np.stack([columns] * 3),
+            np.einsum("qiqj->qij", blocks),  # covariance of each quantity with itself
+            max(1.0, 2 * residuals.size * (high - low) - posterior.effective),
+            instrument.samples,
+            factors,
+        )
 
     def _open_loop_evidence(self, ensemble: Ensemble) -> Evidence:
         """Compare settings by marginal likelihood: l1 and gammas, then decays.
 
-        The search is deterministic. Noise that is not white in the band lowers the number of
-        independent samples. The residual of the given settings, without decay, shows by how much.
+        The search is deterministic, with white weights. Noise that is not white in the band lowers
+        the number of independent samples. The residual of the given settings, without decay, shows
+        by how much.
         """
-        endless = attrs.evolve(self, weighting="white", length_decay=ENDLESS).fit(ensemble)
+        method = attrs.evolve(self, weighting="white", length_decay=ENDLESS)
+        endless = method._fit(ensemble, ensemble)
+        gammas = np.broadcast_to(self.gamma, 3) * endless.scale**2
         noise = endless.diagnostics.details["noise_variance"]
+        given = np.array([self.length_periodic, *gammas, noise])
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
-        kernel = Kernel.of(ensemble, self.length_periodic, ENDLESS)
-        runs = runs_of([ensemble], kernel, self.band)
-        scale = self._scale(moments_of(runs, kernel), kernel)
-        variances = np.broadcast_to(self.gamma, 3) * scale**2
-        theta = np.log([self.length_periodic, *variances, noise])
-        given = search.Settings(self.length_decay, theta, "as given")
-        tried = search.tried_settings(given, ensemble, self.band, noise, share)
-        return search.evidence_of(tried, self, scale)
+        tried = search.tried_settings(self.length_decay, given, ensemble, self.band, share)
+        return search.evidence_of(tried, self, endless.scale)
 
 
-def fit(moments: Moments, precision: Array) -> Posterior | FittedWeights:
-    r"""Fit the weights under a prior precision (column,) and find the noise variance they leave.
+def fitted_scale(moments: Moments, kernel: Kernel) -> float:
+    """Return the ``scale`` in N·m/rad of the constant impedance that fits the data best.
 
-    .. math:: y = X w + e, \qquad e \sim N(0, \sigma^2 I), \qquad w \sim N(0, P^{-1}), \qquad
-              \sigma^2 = \frac{\|\hat e\|^2}{N - N_{eff}}
-
-    At this fixed point the derivative of the evidence by the noise variance vanishes. The numbers
-    of y are the real and imaginary parts of spectra, and :math:`\sigma^2` is the variance of each:
-    half of that of the complex noise.
-
-    If the moments have twice as many columns as the prior, the second half are instruments
-    (:func:`fit_by_instruments`).
+    It follows from the modulus at 1 Hz, which does not depend on the perturbation or the noise,
+    and is not 0 for a joint without stiffness.
     """
-    has_instruments = len(moments.cross) > len(precision)
-    power = moments.square / moments.number
-    noise = INITIAL_NOISE * power
-    found: Posterior | FittedWeights
-    for _ in range(ITERATIONS):
-        if has_instruments:
-            found = fit_by_instruments(moments, precision, noise)
-            variance = found.noise_variance
-        else:
-            found = posterior = solve(moments, precision, noise)
-            variance = posterior.residual / max(moments.number - posterior.effective, 1.0)
-        wanted = max(variance, SMALLEST_RESIDUAL * power)
-        if abs(wanted - noise) <= CONVERGED * noise:
-            break
-        noise = wanted
-    if isinstance(found, Posterior):
-        return found
-    # Replace the noise variance of the residual by the one that the weights were fitted with.
-    covariance = found.covariance * (noise / found.noise_variance)
-    return found._replace(covariance=covariance, noise_variance=noise)
-
-
-def fit_by_instruments(moments: Moments, precision: Array, noise: float) -> FittedWeights:
-    """Fit the weights by instruments, under a prior and for an assumed noise variance.
-
-    The ``moments`` are those of the columns, then of the instruments. The returned noise variance
-    is that of the residual (:func:`tvsysid.numerics.gaussian.by_instruments`).
-    """
-    gram, cross, square, number = moments
-    gram = np.tril(gram) + np.tril(gram, -1).T
-    count = len(precision)
-    x, z = slice(count), slice(count, None)
-    posterior = solve(moments.take(np.arange(count, 2 * count)), precision, noise)
-
-    def residual(mean: Array) -> float:
-        return square - float(mean @ (2 * cross[x] - gram[x, x] @ mean))
-
-    fit = FittedWeights(posterior.mean, posterior.covariance, noise, posterior.effective)
-    return by_instruments(fit, gram[z, x] - gram[z, z], residual, number)
+    # The first column of each signal is the constant. The last three signals before the torque are
+    # the angle, or the one predicted from a reference, and its derivatives.
+    constants = np.arange(0, len(moments.cross), kernel.column_count)[-3:]
+    impedance = solve(moments.take(constants), np.zeros(3)).mean
+    modulus = abs(np.polynomial.polynomial.polyval(2j * np.pi, impedance))
+    return NM_PER_DEG / PAPER_MODULUS * float(modulus)
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
@@ -314,10 +250,12 @@ class KernelModel(responses.SecondOrderModel):
 
     ``stiffness``, ``viscosity`` and ``inertia`` are means over the realizations that it was
     identified from. A prediction uses the impedance at the time of each realization. The
-    coefficients multiply the features of the ``kernel``.
+    coefficients multiply the columns of the ``kernel``. ``scale`` is the stiffness in N·m/rad whose
+    square is the unit of gamma.
     """
 
     kernel: Kernel
+    scale: float
 
     def impedance(self, ensemble: Ensemble) -> Array:
         """Return stiffness, viscosity and inertia of each realization, (realization, time, 3).
@@ -346,14 +284,15 @@ def times_of(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
 
 def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
     """Return stiffness, viscosity and inertia at :func:`times_of`, shape (realization, time, 3)."""
-    return kernel.combined(*features_over(ensemble, kernel), coefficients.reshape(3, -1))
+    return kernel.sums(*times_of(ensemble, kernel), coefficients.reshape(3, -1))
 
 
-@lru_cache(maxsize=1)  # a fit and its prediction ask for the same ones
-def features_over(ensemble: Ensemble, kernel: Kernel) -> tuple[Array, Array]:
-    """Return the periodic and the slow features at :func:`times_of`."""
-    phases, clocks = times_of(ensemble, kernel)
-    return kernel.periodic_features(phases), kernel.slow_features(clocks)
+def residuals_of(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
+    """Return the residual torque (realization, time) where the angle's derivatives are known."""
+    edge = base.missing_edge(HALF_WIDTH, ensemble)
+    impedances = impedance_over(ensemble, kernel, coefficients)
+    residuals = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, impedances)
+    return residuals[:, edge : ensemble.samples - edge]
 
 
 def _in_band(filters: Array, low: float, high: float) -> Array:

@@ -6,9 +6,9 @@ r"""Low-rank form of the locally periodic kernel, the prior of how stiffness cha
 (equation 17 of van de Ruit et al. 2021). A function with this covariance is a sum of a few known
 features with independent coefficients, so that no matrix of the record's length is ever built.
 
-To use another periodic kernel, change :func:`log_harmonic_variances`, and the number of harmonics
-in :func:`harmonic_variances`. To use another decay, change :func:`covariance`, and the number of
-nodes in :func:`decay_features`.
+To use another periodic kernel, change :func:`log_harmonic_variances`, the number of harmonics in
+:func:`harmonic_variances`, and ``search.LENGTHS``, the range of its length. To use another decay,
+change :func:`decay`, the number of nodes in :func:`decay_features`, and ``search.DECAYS``.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Kernel:
     (column,). The first column is the constant, whose prior precision is 0. The record lasts
     ``span`` s.
 
-    Slow function 0 is constant. The others are the eigenfunctions of the decay ``l2``: its
-    :func:`covariance` with the ``nodes``, times a matrix ``projection`` (node, function). A
-    strictly periodic kernel has none.
+    Slow function 0 is constant. A strictly periodic kernel has no others. With a decay ``l2``, only
+    the first column has function 0. The others have the eigenfunctions of the decay: its values
+    :func:`decay` between a time and the ``nodes``, times a matrix ``projection`` (node, function).
     """
 
     period: float
@@ -73,13 +73,13 @@ class Kernel:
                 f"over a record of {span:g} s need too many features of each coefficient; give "
                 "fewer realizations, a longer length_decay or a larger length_periodic"
             )
-        # With a decay, only the constant column uses slow function 0.
+        # Shares of the slow functions in the kernel's variance; without a decay there is one.
         nodes, projection, shares = np.zeros(0), np.zeros((0, 0)), np.ones(1)
         if l2 < MAX_DECAY * span:
             nodes, projection, shares = decay_features(float(clocks.min()), span, l2)
             shares = np.insert(shares, 0, 0.0)
         kept = np.outer(variances, shares) > TOLERANCE
-        kept[0, 0] = True
+        kept[0, 0] = True  # the constant, which is no part of the kernel: its prior is flat
         harmonics = np.arange(1, 2 * len(variances)) // 2  # a cosine and a sine of each but 0
         wave, slow = np.nonzero(kept[harmonics])
         harmonic = harmonics[wave]
@@ -88,8 +88,8 @@ class Kernel:
         return cls(period, span, l2, nodes, projection, harmonic, wave, slow, precision)
 
     @property
-    def columns(self) -> int:
-        """Return the number of features of each quantity."""
+    def column_count(self) -> int:
+        """Return the number of columns of each quantity."""
         return len(self.precision)
 
     @property
@@ -111,26 +111,25 @@ class Kernel:
 
     def slow_features(self, clock: Array) -> Array:
         """Return a constant and the slow functions at times in s, shape (*clock, function)."""
-        decay = covariance(clock, self.nodes, self.l2) @ self.projection
-        return np.concatenate([np.ones((*clock.shape, 1)), decay], axis=-1)
+        functions = decay(clock, self.nodes, self.l2) @ self.projection
+        return np.concatenate([np.ones((*clock.shape, 1)), functions], axis=-1)
 
-    def __call__(self, phase: Array, clock: Array) -> Array:
-        """Return the features at times in s, shape (*time, column).
+    def means(self, phase: Array, clock: Array) -> Array:
+        """Return the mean over realizations of all columns, shape (time, column).
 
-        ``phase`` is the time within the period, ``clock`` that of the record.
+        ``phase`` is the time within the period, ``clock`` that of the record, both in s and of
+        shape (realization, time), or (1, time) if it is the same for all.
         """
-        periodic = self.periodic_features(phase)[..., self.wave]
-        return np.asarray(periodic * self.slow_features(clock)[..., self.slow])
+        periodic, slow = self.periodic_features(phase), self.slow_features(clock)
+        products = np.einsum("rtw,rts->wst", periodic, slow) / max(len(phase), len(clock))
+        return np.asarray(products[self.wave, self.slow].T)
 
-    def combined(self, periodic: Array, slow: Array, coefficients: Array) -> Array:
-        """Return sums of features times ``coefficients`` (quantity, column), (*time, quantity).
-
-        ``periodic`` and ``slow`` are the features at each time.
-        """
+    def sums(self, phase: Array, clock: Array, coefficients: Array) -> Array:
+        """Return columns times ``coefficients`` (quantity, column), (*time, quantity)."""
         weights = np.zeros((2 * self.highest + 1, len(coefficients), self.functions))
         weights[self.wave, :, self.slow] = coefficients.T
-        of_slow = np.tensordot(periodic, weights, 1)
-        return np.asarray(np.einsum("...qj,...j->...q", of_slow, slow))
+        of_slow = np.tensordot(self.periodic_features(phase), weights, 1)
+        return np.asarray(np.einsum("...qj,...j->...q", of_slow, self.slow_features(clock)))
 
 
 def clocks_of(ensemble: Ensemble) -> Array:
@@ -173,19 +172,19 @@ def decay_features(first: float, span: float, l2: float) -> tuple[Array, Array, 
     """Return nodes, projection and mean squares of functions f that represent the decay.
 
     The decay from t to t' is the sum of f(t) f(t') over the functions. The functions are the
-    eigenfunctions of :func:`covariance` over a span in s, times their standard deviations, largest
+    eigenfunctions of :func:`decay` over a span in s, times their standard deviations, largest
     first. They are calculated on Gauss-Legendre nodes and extended to any time by the covariance
     itself (Nyström).
     """
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(16 + 5 * span / l2))
     nodes = first + span * (nodes + 1) / 2
     root = np.sqrt(weights / 2)
-    values, vectors = np.linalg.eigh(root[:, None] * covariance(nodes, nodes, l2) * root)
+    values, vectors = np.linalg.eigh(root[:, None] * decay(nodes, nodes, l2) * root)
     kept = values > TOLERANCE * values.sum()
     projection = root[:, None] * vectors[:, kept] / np.sqrt(values[kept])
     return nodes, np.ascontiguousarray(projection[:, ::-1]), values[kept][::-1]
 
 
-def covariance(time: Array, other: Array, l2: float) -> Array:
+def decay(time: Array, other: Array, l2: float) -> Array:
     r"""Return the decay :math:`e^{-(t - t')^2 / l_2^2}`, shape (*time, other time)."""
     return np.asarray(np.exp(-(((time[..., None] - other) / l2) ** 2)))

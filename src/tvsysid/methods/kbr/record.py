@@ -9,7 +9,7 @@ from functools import lru_cache
 import attrs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import rfft
+from scipy.fft import fft, rfft
 from scipy.linalg import blas
 
 from tvsysid.errors import InputError
@@ -83,12 +83,9 @@ class Runs:
         low, high = (frequency * samples / rate for frequency in band)
         bins = slice(math.ceil(low - 1e-9), min(math.floor(high + 1e-9), samples // 2) + 1)
         reach = kernel.highest * periods
-        # Spectra of real signals are mirrored at 0 and at the Nyquist frequency.
         bin_numbers = np.arange(bins.start - reach, bins.stop + reach)
-        signed = (bin_numbers + samples // 2) % samples - samples // 2
-        spectra = rfft(np.concatenate([products, signals[-1:]]), norm="ortho")
-        spectra = spectra[..., np.abs(signed)]
-        np.conjugate(spectra, out=spectra, where=signed < 0)
+        spectra = fft(np.concatenate([products, signals[-1:]]), norm="ortho")
+        spectra = spectra[..., bin_numbers % samples]
         # All spectra are delayed by the run's start within a period. So harmonics have phase 0 at
         # the start of the trial, and not at that of the run.
         starts = ensemble.onsets[realizations[:, :1]] % kernel.period
@@ -112,7 +109,7 @@ class Runs:
         # A cosine is half the sum of two shifts; a sine is half their difference, times i.
         signals = self.spectra[:-1].reshape(-1, kernel.functions, *self.spectra.shape[1:])
         halves, turned = 0.5 * signals, 0.5j * signals
-        size, count = len(signals) * kernel.columns, self.bins.stop - self.bins.start
+        size, count = len(signals) * kernel.column_count, self.bins.stop - self.bins.start
         length = max(1, BLOCK // runs)
         for low in range(0, count, length):
             high = min(low + length, count)
@@ -120,8 +117,8 @@ class Runs:
             rows[-1] = self.spectra[-1, :, low + self.reach : high + self.reach]
             products = rows[:-1].reshape(len(signals), -1, runs, high - low)
             for wave in range(waves):
-                columns = slice(first[wave], first[wave + 1])
-                slow = slice(kernel.slow[columns.start], kernel.slow[columns.stop - 1] + 1)
+                own = slice(first[wave], first[wave + 1])  # columns of this wave
+                slow = slice(kernel.slow[own.start], kernel.slow[own.stop - 1] + 1)
                 is_sine = wave > 0 and wave % 2 == 0
                 part, combine = (turned, np.subtract) if is_sine else (halves, np.add)
                 up = self.reach + (wave + 1) // 2 * self.periods
@@ -129,7 +126,7 @@ class Runs:
                 combine(
                     part[:, slow, :, low + up : high + up],
                     part[:, slow, :, low + down : high + down],
-                    out=products[:, columns],
+                    out=products[:, own],
                 )
             components = slice(2 * low, 2 * high)
             parts = rows.view(np.float64)
@@ -177,7 +174,9 @@ def moments_of(groups: Sequence[Runs], kernel: Kernel) -> Moments:
 
     .. math:: X^T M X, \quad X^T M y, \quad y^T M y, \qquad M = 1 - T (T^T T)^{-1} T^T
     """
-    size = (len(groups[0].spectra) - 1) // kernel.functions * kernel.columns + 1  # and the torque
+    size = (
+        len(groups[0].spectra) - 1
+    ) // kernel.functions * kernel.column_count + 1  # and the torque
     products, mixed, number = np.zeros((size, size), order="F"), [], 0.0
     for runs in groups:
         terms = runs.external * runs.weights

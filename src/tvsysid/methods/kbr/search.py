@@ -28,7 +28,7 @@ LENGTHS = np.geomspace(0.002, 30.0, 12)  # candidates of l1, from which the sear
 WHOLE_RANGE = (LENGTHS[0], LENGTHS[-1])
 DECAYS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # candidates of l2, in lengths of the record
 INITIAL_SNR = 1e3  # power of the torque from each quantity, divided by the noise variance
-MAX_DROP, MAX_RISE = 50.0, 15.0  # largest change of log prior variances in a climb
+MAX_DROP, MAX_RISE = 50.0, 15.0  # largest change of log gammas in a climb
 # number of weights above which a decay is not tried, and the given settings are not compared
 MAX_WEIGHTS = 2000
 # A log noise variance that falls by this much from its start shows that the data are too few.
@@ -44,7 +44,7 @@ _value = attrgetter("value")
 class Settings:
     """Settings of the method, and their log marginal likelihood ``value``.
 
-    ``theta`` holds the logs of l1, of three prior variances and of the complex noise's variance.
+    ``theta`` holds the logs of l1, of three gammas in SI units and of the complex noise's variance.
     ``line`` is the name of their line in a figure.
     """
 
@@ -65,7 +65,7 @@ class Settings:
 
 @attrs.frozen(eq=False)
 class Likelihood:
-    r"""Log marginal likelihood of the logs of l1, three prior variances and the noise variance.
+    r"""Log marginal likelihood of ``theta``, see :class:`Settings`.
 
     The constants have no prior, and are integrated out with unit density (restricted likelihood).
     The ``moments`` of all ``kernel`` features are scaled to the effective number of samples.
@@ -87,7 +87,7 @@ class Likelihood:
 
     def __call__(self, theta: Array) -> tuple[float, Array]:
         """Return the restricted log likelihood and its derivatives."""
-        signal = np.repeat(np.arange(3), self.kernel.columns)
+        signal = np.repeat(np.arange(3), self.kernel.column_count)
         harmonic = np.tile(self.kernel.harmonic, 3)
         flat = np.tile(self.kernel.precision == 0, 3)
         logs, slopes = log_harmonic_variances(math.exp(theta[0]), self.kernel.highest)
@@ -96,7 +96,7 @@ class Likelihood:
             log_strength = log_variances + np.log(np.diag(self.moments.gram)) - theta[4]
         counts = flat | (log_strength > math.log(MIN_STRENGTH))
         precision = np.where(flat[counts], 0.0, np.exp(-log_variances[counts]))
-        # Half the variance: of the noise in a real or imaginary part, and of weights (equation 16).
+        # The prior covariance is K / 2. A real or imaginary part has half the noise variance.
         found = solve(self.moments.take(counts), 2 * precision, 0.5 * math.exp(theta[4]))
         by_gamma = np.bincount(signal[counts], found.variance_gradient, minlength=3)
         by_length = float(found.variance_gradient @ slopes[harmonic[counts]])
@@ -132,42 +132,43 @@ class Likelihood:
 
 
 def tried_settings(
-    given: Settings, ensemble: Ensemble, band: tuple[float, float], noise: float, share: float
+    decay: float, given: Array, ensemble: Ensemble, band: tuple[float, float], share: float
 ) -> list[Settings]:
     """Return all settings that are tried: those given, each l1 without decay, and decays.
 
-    ``noise`` is the residual variance of the given settings without decay, ``share`` the effective
+    ``given`` are l1, three gammas in SI units and the complex noise's variance, estimated without
+    decay. The given settings count with this noise variance. All others have their own best one,
+    which favours them by some nat if the given ``decay`` is short. ``share`` is the effective
     fraction of independent samples.
     """
 
     def likelihood_of(settings: Settings) -> Likelihood | None:
         """Return the likelihood of the features for settings; None if they are too many."""
-        try:
-            kernel = Kernel.of(ensemble, math.exp(settings.theta[0]), settings.decay)
-        except InputError:
-            return None
-        if 3 * kernel.columns > MAX_WEIGHTS:
+        kernel = Kernel.of(ensemble, math.exp(settings.theta[0]), settings.decay)
+        if 3 * kernel.column_count > MAX_WEIGHTS:
             return None
         return Likelihood.of(ensemble, kernel, band, share)
 
     # Lengths differ only in the variances of the harmonics: they share one Gram matrix.
     kernel = Kernel.of(ensemble, LENGTHS[0], ENDLESS)
     periodic = Likelihood.of(ensemble, kernel, band, share)
-    powers = periodic.moments.gram.diagonal()[:: kernel.columns] / periodic.moments.number
+    powers = periodic.moments.gram.diagonal()[:: kernel.column_count] / periodic.moments.number
+    noise = given[4]
     start = Settings(ENDLESS, np.log([1.0, *(INITIAL_SNR * noise / powers), noise]), "no decay")
     tried = [periodic.climb(start, (length, length)) for length in LENGTHS]
     best = periodic.climb(max(tried, key=_value), WHOLE_RANGE)
-    if likelihood := likelihood_of(given):
-        given = attrs.evolve(given, value=likelihood(given.theta)[0])
-    tried = [given, *tried, best]
+    first = Settings(decay, np.log(given), "as given")
+    if likelihood := likelihood_of(first):
+        first = attrs.evolve(first, value=likelihood(first.theta)[0])
+    tried = [first, *tried, best]
     # Shorter and shorter decays, until one is less than four periods or clearly less likely
-    for decay in np.array(DECAYS) * kernel.span:
-        start = attrs.evolve(best, decay=float(decay), line=f"decay {decay:.3g} s")
+    for length in np.multiply(DECAYS, kernel.span):
+        start = attrs.evolve(best, decay=float(length), line=f"decay {length:.3g} s")
         likelihood = likelihood_of(start)
         if likelihood is None:
             break
         tried.append(likelihood.climb(start, WHOLE_RANGE))
-        if decay < 4 * kernel.period or tried[-1].value < best.value - MAX_LOSS:
+        if length < 4 * kernel.period or tried[-1].value < best.value - MAX_LOSS:
             break
         best = max(best, tried[-1], key=_value)
     return tried

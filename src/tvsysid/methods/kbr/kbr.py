@@ -223,8 +223,7 @@ class KernelRegression(shared.ReferenceMethod):
         method = attrs.evolve(self, weighting="white", length_decay=ENDLESS)
         endless = method._fit(ensemble, ensemble)
         gammas = np.broadcast_to(self.gamma, 3) * endless.scale**2
-        noise = endless.diagnostics.details["noise_variance"]
-        given = np.array([self.length_periodic, *gammas, noise])
+        given = np.array([self.length_periodic, *gammas, 2 * endless.posterior.noise_variance])
         share = shared.independent_share(ensemble, endless.predict(ensemble), self.band)
         tried = search.tried_settings(self.length_decay, given, ensemble, self.band, share)
         return search.evidence_of(tried, self, endless.scale)

@@ -35,11 +35,10 @@ class Runs:
 
     Each signal is multiplied by each slow function of the kernel. The signals are the angle and its
     derivatives, then those of an instrument if there is one, and last the torque, which is
-    multiplied by the first function only. The ends of a run, where
-    derivatives are unknown, are 0. ``spectra`` (signal x function, run, frequency) have
-    ``norm="ortho"``. They begin ``reach`` bins below the fitted ``bins``, and end as many above.
-    Each run lasts ``periods`` realizations, together ``samples``. All spectra count time from the
-    trial's start.
+    multiplied by the first function only. The ends of a run, where derivatives are unknown, are 0.
+    ``spectra`` (signal x function, run, frequency) have ``norm="ortho"``. Below and above the
+    fitted ``bins`` they go on for the kernel's highest harmonic. Each run lasts ``periods``
+    realizations, together ``samples``. All spectra count time from the trial's start.
 
     A *component* is the real or the imaginary part at a fitted frequency. ``weights`` (component,)
     multiply them. The ``external`` terms (run, term, component) are spectra of half-cosines. A run
@@ -48,7 +47,6 @@ class Runs:
 
     spectra: ComplexArray
     bins: slice
-    reach: int
     periods: int
     samples: int
     external: Array
@@ -95,7 +93,7 @@ class Runs:
         external = (external_terms(samples, lost)[:, bins] * delay).view(np.float64)
         weights = np.ones(external.shape[-1])
         freedom = len(weights) * (1 - 2 * lost / samples)
-        return cls(spectra, bins, reach, periods, samples, external, freedom, weights)
+        return cls(spectra, bins, periods, samples, external, freedom, weights)
 
     def rows(self, kernel: Kernel) -> Iterator[tuple[slice, Array]]:
         """Yield slices of components, and weighted regressors (row, run, component).
@@ -110,19 +108,20 @@ class Runs:
         signals = self.spectra[:-1].reshape(-1, kernel.functions, *self.spectra.shape[1:])
         halves, turned = 0.5 * signals, 0.5j * signals
         size, count = len(signals) * kernel.column_count, self.bins.stop - self.bins.start
+        reach = kernel.highest * self.periods
         length = max(1, BLOCK // runs)
         for low in range(0, count, length):
             high = min(low + length, count)
             rows = np.empty((size + 1, runs, high - low), np.complex128)
-            rows[-1] = self.spectra[-1, :, low + self.reach : high + self.reach]
+            rows[-1] = self.spectra[-1, :, low + reach : high + reach]
             products = rows[:-1].reshape(len(signals), -1, runs, high - low)
             for wave in range(waves):
                 own = slice(first[wave], first[wave + 1])  # columns of this wave
                 slow = slice(kernel.slow[own.start], kernel.slow[own.stop - 1] + 1)
                 is_sine = wave > 0 and wave % 2 == 0
                 part, combine = (turned, np.subtract) if is_sine else (halves, np.add)
-                up = self.reach + (wave + 1) // 2 * self.periods
-                down = 2 * self.reach - up
+                up = reach + (wave + 1) // 2 * self.periods
+                down = 2 * reach - up
                 combine(
                     part[:, slow, :, low + up : high + up],
                     part[:, slow, :, low + down : high + down],

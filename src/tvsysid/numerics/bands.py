@@ -95,10 +95,10 @@ def mean_of(values: Array) -> float:
     return float(known.mean()) if known.size else float("nan")
 
 
-def mean_known(values: Array) -> Array:
-    """Return the mean over the first axis without NaN; NaN if all are."""
+def mean_known(values: Array, axis: int = 0) -> Array:
+    """Return the mean over an axis without NaN; NaN if all are."""
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
-        return np.asarray(np.nanmean(values, axis=0))
+        return np.asarray(np.nanmean(values, axis=axis))
 
 
 def mean_and_spread(values: Array) -> tuple[Array, Array]:

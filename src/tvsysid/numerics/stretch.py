@@ -48,7 +48,6 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
     ratio
         Of the recorded to the lower rate.
     threshold, direction
-        c in rad/s, and s, 1 or -1.
+        c in rad/s, and s, 1 or -1. 0 is no stretch.
     """
-    rectify = np.maximum if direction > 0 else np.minimum
-    return keep_every(rectify(velocity - direction * threshold, 0.0), ratio)
+    return keep_every(direction * np.maximum(direction * velocity - threshold, 0.0), ratio)

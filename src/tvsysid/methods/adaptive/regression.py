@@ -103,7 +103,7 @@ class Regressors:
             edges=(data.times.start, ensemble.samples - data.times.stop),
             independent=len(data.torque) - 1,
             prior_precision=np.concatenate([[0.0, 0.0], fit.precision[first:]]),
-            reflex=model_of(repr(JointCascade(emg=selection.drive.emg)), selection),
+            reflex=model_of(repr(JointCascade(emg=fit.drive.emg)), selection),
             change_covariance=change @ fit.covariance[:count, :count] @ change.T,
         )
 

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
-from tvsysid.methods.cascade.columns import NEEDED_HISTORY_S, muscle, unresolved
+from tvsysid.methods.cascade.columns import NEEDED_HISTORY_S, intrinsic_filters, muscle, unresolved
 from tvsysid.methods.cascade.fit import (
     DELAY,
     HIGHEST,
@@ -197,33 +197,46 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
 
     The gain is stated in both.
     """
-    drive, fit, used = selection
-    ensemble, data, mean = used.data.ensemble, used.data, used.posterior.mean
-    weights = np.eye(1, len(data.signals)), data.readout[1:]
-    features = [data.features(each) for each in np.concatenate(weights)]
-    limited = mean[0] > 0, True, False  # which of them are not negative
+    fit, used = selection
+    ensemble, data = used.data.ensemble, used.data
+    drive = attrs.evolve(fit.drive, threshold=float(fit.shape[THRESHOLD]))
+    rate = ensemble.sampling_rate
+    lags, filters = intrinsic_filters(rate)
+    known = np.full((ensemble.samples, 1), np.nan)
+    known[data.times] = 1.0
+    over_time = data.over_time(used.posterior.mean[: data.intrinsic_count])
+
+    def estimate(fit: Fit, quantity: int, unit: str, limited: bool) -> Estimate:
+        """Return a quantity where samples are fitted. Negative ``limited`` ones are rounding."""
+        features, count = fit.quantities[quantity], len(fit.posterior.mean)
+        covariance = fit.covariance[:count, :count]
+        minimum = 0.0 if limited else -np.inf
+        variance = np.einsum("tj,tj->t", features @ covariance, features)
+        error = StandardError(
+            np.sqrt(np.maximum(variance, 0.0)) * known[:, 0],
+            fit.freedom,
+            arc_length(features, covariance),
+            minimum=minimum,
+        )
+        values = np.maximum(features @ fit.posterior.mean, minimum)
+        return Estimate(values * known[:, 0], unit, error=error)
+
+    is_positive = used.posterior.mean[0] > 0, True, False
     estimates = {
-        quantity: _estimate(used, UNITS[quantity], *each)
-        for quantity, *each in zip(IMPEDANCE, features, limited, strict=True)
+        name: estimate(used, index, UNITS[name], is_positive[index])
+        for index, name in enumerate(IMPEDANCE)
     }
-    gain = data.gain(ensemble.time / ensemble.duration)
-    drive = attrs.evolve(drive, threshold=float(fit.shape[THRESHOLD]))
-    count = data.intrinsic_count
-    estimates["reflex_gain"] = _estimate(fit, drive.gain_unit, gain, drive.emg is None, count)
-    known = estimates["stiffness"].values[:, None] * 0 + 1  # NaN where no sample is fitted
+    estimates["reflex_gain"] = estimate(fit, -1, drive.gain_unit, drive.emg is None)
     response, reflex_lags = _reflex_response(selection)
-    over_time = data.over_time(mean[:count])
     details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ data.readout[0]).mean())
-    texts = _warnings(selection, details, estimates)
-    rate = ensemble.sampling_rate
     return JointCascadeModel(
         method=method,
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,
-        impulse_response=over_time @ data.filters * known * rate,
-        lags=data.lags,
+        impulse_response=over_time @ filters * known * rate,
+        lags=lags,
         reflex_response=response * known * rate,
         reflex_lags=reflex_lags,
         drive=drive,
@@ -231,29 +244,12 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
         hyperparameters=Hyperparameters(
             data.harmonics, data.noise, drive, fit.shape, fit.parameters
         ),
-        diagnostics=Diagnostics(used.posterior.effective, warnings=tuple(texts), details=details),
+        diagnostics=Diagnostics(
+            used.posterior.effective,
+            warnings=tuple(_warnings(selection, details, estimates)),
+            details=details,
+        ),
     ).with_details(ensemble)
-
-
-def _estimate(fit: Fit, unit: str, features: Array, limited: bool, start: int = 0) -> Estimate:
-    """Return weighted sums of the coefficients from ``start`` on, where samples are fitted.
-
-    ``features`` (time, coefficient) are the weights. Negative values of ``limited`` estimates are
-    rounding.
-    """
-    columns = slice(start, start + features.shape[1])
-    known = np.full(len(features), np.nan)
-    known[fit.data.times] = 1.0
-    values, covariance = features @ fit.posterior.mean[columns], fit.covariance[columns, columns]
-    variance = np.einsum("tj,tj->t", features @ covariance, features)
-    minimum = 0.0 if limited else -np.inf
-    error = StandardError(
-        np.sqrt(np.maximum(variance, 0.0)) * known,
-        fit.freedom,
-        arc_length(features, covariance),
-        minimum=minimum,
-    )
-    return Estimate(np.maximum(values, minimum) * known, unit, error=error)
 
 
 def _reflex_response(selection: Selection) -> tuple[Array, Array]:
@@ -272,7 +268,7 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
 
 
 def _details(selection: Selection) -> dict[str, float]:
-    _, fit, used = selection
+    fit, used = selection
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[: fit.free]

@@ -15,10 +15,11 @@ from scipy.ndimage import convolve1d
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.pathways import Stretch, driven, history
 from tvsysid.numerics import Array
+from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.decimation import TAPS, keep_every
+from tvsysid.numerics.decimation import keep_every
 from tvsysid.numerics.differentiation import derivative_weights
-from tvsysid.numerics.gaussian import Moments
+from tvsysid.numerics.gaussian import FittedWeights, Moments, Posterior, least_squares
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.second_order import response_readout
 from tvsysid.signals import Ensemble
@@ -36,8 +37,8 @@ HISTORY_S = 1.0  # of the reflex's drive that is used where it was recorded
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
 
 
-def intrinsic_filters(rate: float) -> Array:
-    """Return filters (signal, lag) that give the angle, its derivatives and its differences.
+def intrinsic_filters(rate: float) -> tuple[Array, Array]:
+    """Return lags in s, and filters (signal, lag) of the angle, its derivatives and differences.
 
     The derivatives are velocity and acceleration; the differences begin with order 3. Only the
     first filter passes a constant angle, so that the sum of a response is the first coefficient.
@@ -55,7 +56,7 @@ def intrinsic_filters(rate: float) -> Array:
         weights = np.poly([1] * order + [-1] * (order % 2))
         reach = step * (len(weights) // 2)
         difference[lags - reach : lags + reach + 1 : step] = weights
-    return np.concatenate([filters, differences])
+    return offsets / rate, np.concatenate([filters, differences])
 
 
 def deviations(values: Array) -> Array:
@@ -64,18 +65,15 @@ def deviations(values: Array) -> Array:
     A single realization loses its mean over time. NaN becomes 0.
     """
     axis = -1 if values.shape[-2] == 1 else -2
-    known = np.isfinite(values)
-    count = np.maximum(known.sum(axis, keepdims=True), 1)
-    mean = np.sum(values, axis, where=known, keepdims=True) / count
-    return np.where(known, values - mean, 0.0)
+    return np.nan_to_num(values - np.expand_dims(mean_known(values, axis), axis))
 
 
 def filtered(values: Array, filters: Array) -> Array:
     """Filter values (realization, time) by each of the filters (filter, lag), about each sample.
 
-    They are wrong where a filter reaches beyond the samples.
+    They are NaN where a filter reaches beyond the samples.
     """
-    return np.stack([convolve1d(values, weights) for weights in filters])
+    return np.stack([convolve1d(values, each, mode="constant", cval=np.nan) for each in filters])
 
 
 def unresolved(ensemble: Ensemble) -> Array:
@@ -88,16 +86,12 @@ def unresolved(ensemble: Ensemble) -> Array:
     """
     recorded, rate = ensemble.angle_as_recorded, ensemble.sampling_rate
     ratio = recorded.shape[-1]
-    out = np.zeros((2, *ensemble.angle.shape))
-    if ratio > 1:
-        filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
-        filters = filters * (rate * ratio) ** np.array([[1], [2]])
-        fast = keep_every(filtered(recorded.reshape(len(recorded), -1), filters), ratio)
-        few_lags = intrinsic_filters(rate)[1:3]
-        slow = filtered(ensemble.angle, few_lags)
-        reach = few_lags.shape[1] // 2 + (RECORDED_HALF_WIDTH + TAPS // 2) // ratio
-        out[..., reach:-reach] = (fast - slow)[..., reach:-reach]
-    return out
+    if ratio == 1:
+        return np.zeros((2, *ensemble.angle.shape))
+    filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
+    filters = filters * (rate * ratio) ** np.array([[1], [2]])
+    fast = keep_every(filtered(recorded.reshape(len(recorded), -1), filters), ratio)
+    return np.nan_to_num(fast - filtered(ensemble.angle, intrinsic_filters(rate)[1][1:3]))
 
 
 def muscle(shape: Array, samples: int, rate: float) -> Array:
@@ -138,10 +132,10 @@ class Data:
     def of(cls, ensemble: Ensemble, harmonics: int) -> Data:
         """Return the realizations and times with most samples whose past is recorded."""
         rate = ensemble.sampling_rate
-        filters = intrinsic_filters(rate)
+        lags, filters = intrinsic_filters(rate)
         signals = filtered(ensemble.angle, filters)
         signals[1:3] += unresolved(ensemble)
-        edge = max(0, filters.shape[1] // 2 - ensemble.context)
+        edge = max(0, len(lags) // 2 - ensemble.context)
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
         missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)
@@ -165,23 +159,13 @@ class Data:
         )
 
     @property
-    def filters(self) -> Array:
-        """Return the :func:`intrinsic_filters`."""
-        return intrinsic_filters(self.ensemble.sampling_rate)
-
-    @property
-    def lags(self) -> Array:
-        """Return the lags of the intrinsic response in s."""
-        count = self.filters.shape[1]
-        return np.asarray((np.arange(count) - count // 2) / self.ensemble.sampling_rate)
-
-    @property
     def readout(self) -> Array:
         """Return weights (quantity, signal) that turn coefficients into the impedance.
 
         See :func:`tvsysid.numerics.second_order.response_readout`.
         """
-        return np.asarray(response_readout(self.lags) @ self.filters.T)
+        lags, filters = intrinsic_filters(self.ensemble.sampling_rate)
+        return np.asarray(response_readout(lags) @ filters.T)
 
     @property
     def folds(self) -> list[slice]:
@@ -284,14 +268,14 @@ class Data:
 
         The threshold is that of the ``shape``. The gain is that at the time of arrival.
         """
-        rate, times = self.ensemble.sampling_rate, self.torque.shape[1]
+        rate = self.ensemble.sampling_rate
         before = round(HISTORY_S * rate)
         drive = attrs.evolve(drive, threshold=float(shape[2]))
         known = driven(self.ensemble, drive, before)[self.rows]
         steps = np.arange(self.times.start - before, self.times.stop)
         gain = self.gain((steps / rate + shape[3]) / self.ensemble.duration) @ coefficients
         arriving = deviations(known[:, steps + before]) * gain.T[:, None]
-        response = np.broadcast_to(muscle(shape, before + 1, rate), (times, before + 1))
+        response = np.tile(muscle(shape, before + 1, rate), (self.torque.shape[1], 1))
         torque = convolve_lags(arriving.reshape(-1, len(steps)), response)
         return torque.reshape(-1, *self.torque.shape)
 
@@ -302,18 +286,20 @@ class Data:
         return deviations(self.torque - intrinsic - np.tensordot(others, further, 1))
 
     def held_out(
-        self, products: Array, further: Array, fitted: Callable[[Moments], Array]
+        self,
+        products: Array,
+        further: Array,
+        fit: Callable[[Moments], Posterior | FittedWeights] = least_squares,
     ) -> Array:
         """Return the residual torque (realization, time) of each fold, fitted to the other folds.
 
-        ``products`` are those of the further columns. ``fitted`` returns coefficients from moments.
-        The torque is NaN if there is a single fold.
+        ``products`` are those of the further columns. The torque is NaN if there is a single fold.
         """
         left, total = np.full_like(self.torque, np.nan), products.sum(axis=0)
         if len(self.folds) > 1:
             for rows, own in zip(self.folds, products, strict=True):
-                coefficients = fitted(Moments.of(total - own, self.number))
-                left[rows] = self.residual(coefficients, further)[rows]
+                mean = fit(Moments.of(total - own, self.number)).mean
+                left[rows] = self.residual(mean, further)[rows]
         return left
 
     def features(self, weights: Array) -> Array:
@@ -322,8 +308,8 @@ class Data:
 
     def over_time(self, coefficients: Array) -> Array:
         """Return the coefficient of each signal at all times (time, signal)."""
-        signals = np.eye(len(self.signals))
-        return np.stack([self.features(each) @ coefficients for each in signals], axis=1)
+        is_own = np.repeat(np.eye(len(self.signals)), self.sizes, axis=0)
+        return np.asarray((self.functions * coefficients) @ is_own)
 
     def squares(self, values: Array) -> Array:
         """Return the weighted squares of values (realization, time), one for each realization."""

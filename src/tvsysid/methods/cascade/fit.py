@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
 
 import attrs
 import numpy as np
 import scipy
+from scipy.linalg import block_diag
 
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.pathways import Stretch
@@ -32,19 +33,19 @@ MAX_ITERATIONS = 100  # of the search for the hyperparameters
 SHAPE_NAMES = ("frequency", "damping", "threshold", "delay")
 THRESHOLD, DELAY = 2, 3
 IS_LOG = np.arange(4) < THRESHOLD
-# Mean and standard deviation of the prior, bounds, and step of numerical derivatives. The delay
-# is known.
+# Mean and standard deviation of the prior, bounds, and step of numerical derivatives. The delay,
+# from velocity to torque, is known.
 MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
     [
         (math.log(16), 0.6, math.log(3), math.log(60), 1e-3),
         (math.log(0.8), 0.5, math.log(0.2), math.log(3), 1e-3),
         (0.0, 0.3, 0.0, 2.0, 0.02),
+        (0.04, 1.0, 0.0, math.inf, 1e-3),
     ]
 ).T
 MAX_STEPS, MAX_HALVINGS = 8, 6  # of Gauss-Newton, and of each of its steps
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
-USUAL_DELAY_S = 0.04  # from velocity to torque
-USUAL_SHAPE = np.array([*MEAN, USUAL_DELAY_S])
+MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 
 
 @attrs.frozen(eq=False)
@@ -56,7 +57,7 @@ class Fit:
     data
         Torque and intrinsic signals.
     drive
-        Drive of the reflex, with any threshold. None without a reflex.
+        Drive of the reflex, with any threshold; of direction 0 without a reflex.
     shape
         Shape of the reflex, with its threshold.
     free
@@ -68,7 +69,7 @@ class Fit:
     """
 
     data: Data
-    drive: Stretch | None
+    drive: Stretch
     shape: Array
     free: int
     parameters: Array = attrs.field()
@@ -83,8 +84,7 @@ class Fit:
             found = posterior_of(self.moments, self.spread_of(parameters))
             off = decays_off(parameters)
             gradient = 2 * found.variance_gradient @ design - off / DECAY_SPREAD
-            evidence = relative_log_evidence(found, self.moments.square)
-            return 0.5 * float(off @ off) - evidence, -gradient
+            return 0.5 * float(off @ off) - found.log_evidence, -gradient
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(
@@ -92,16 +92,10 @@ class Fit:
         )
         return np.asarray(found.x)
 
-    def reflex(self, coefficients: Array) -> Array:
-        """Return the torques of a reflex. See :meth:`Data.reflex`."""
-        if self.drive is None:
-            return np.zeros((0, *self.data.torque.shape))
-        return self.data.reflex(self.drive, self.shape, coefficients)
-
     @cached_property
     def reflex_columns(self) -> Array:
         """Return the columns of the reflex (column, realization, time)."""
-        return self.reflex(np.eye(2 * self.data.gain.harmonics + 1))
+        return self.data.reflex(self.drive, self.shape, np.eye(2 * self.data.gain.harmonics + 1))
 
     @cached_property
     def products(self) -> Array:
@@ -150,10 +144,8 @@ class Fit:
     @cached_property
     def objective(self) -> float:
         """Return the log evidence, and the log densities of shape and hyperparameters."""
-        shape = (self.shape[: self.free] - MEAN[: self.free]) / SPREAD[: self.free]
-        squares = np.sum(shape**2) + np.sum(decays_off(self.parameters) ** 2)
-        square = self.moments.square
-        return relative_log_evidence(self.posterior, square) - 0.5 * float(squares)
+        off = *((self.shape - MEAN) / SPREAD), *decays_off(self.parameters)
+        return self.posterior.log_evidence - 0.5 * float(np.sum(np.square(off)))
 
     @property
     def residual(self) -> Array:
@@ -166,32 +158,26 @@ class Fit:
 
         NaN if there is a single fold.
         """
-
-        def fitted(moments: Moments) -> Array:
-            return posterior_of(moments, self.spread, self.positive).mean
-
-        return self.data.held_out(self.products, self.reflex_columns, fitted)
+        fit = partial(posterior_of, spread=self.spread, positive=self.positive)
+        return self.data.held_out(self.products, self.reflex_columns, fit)
 
     def share(self) -> float:
         """Return the share of the held-out torque's square that the fit predicts."""
         return 1 - float(np.sum(self.held_out**2) / np.sum(self.data.torque**2))
 
-    def with_shape(self, values: Array) -> Fit:
-        """Return the fit with other free numbers of the shape, kept within their bounds."""
-        shape = self.shape.copy()
-        shape[: self.free] = np.clip(values, LOWEST[: self.free], HIGHEST[: self.free])
-        return attrs.evolve(self, shape=shape)
+    def moved(self, step: Array) -> Array:
+        """Return the shape after a step (number,), kept within its bounds."""
+        return np.clip(self.shape + step, LOWEST, HIGHEST)
 
     def slopes(self) -> Array:
         """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
         coefficients, slopes = self.posterior.mean[self.data.intrinsic_count :, None], []
-        numbers = self.shape[: self.free]
-        for step in np.diag(STEP[: self.free]):
-            ends = [self.with_shape(numbers + each) for each in (-step, step)]
-            change = ends[1].reflex(coefficients) - ends[0].reflex(coefficients)
+        for step in np.diag(STEP)[: self.free]:
+            ends = self.moved(step), self.moved(-step)
+            high, low = (self.data.reflex(self.drive, each, coefficients) for each in ends)
             # One number differs, by less than two steps at its bounds.
-            slopes.append(change[0] / np.sum(ends[1].shape - ends[0].shape))
-        return np.array(slopes).reshape(-1, *self.data.torque.shape)
+            slopes.append((high - low) / np.sum(ends[0] - ends[1]))
+        return np.concatenate([self.reflex_columns[:0], *slopes])
 
     @cached_property
     def every_column(self) -> Array:
@@ -202,6 +188,31 @@ class Fit:
     def inverse(self) -> Array:
         """Return the posterior covariance of coefficients and shape over the noise variance."""
         return solve(self.data.moments(self.every_column), self.precision).covariance
+
+    @property
+    def quantities(self) -> Array:
+        """Return rows (quantity, time, coefficient) of stiffness, viscosity, inertia and gain.
+
+        Their products with the coefficients are the quantities over time.
+        """
+        data, time = self.data, self.data.ensemble.time
+        weights = np.eye(1, len(data.signals)), data.readout[1:]
+        impedance = [data.features(each) for each in np.concatenate(weights)]
+        gain = data.gain(time / data.ensemble.duration)
+        rows = block_diag(np.concatenate(impedance), gain)
+        return np.asarray(rows).reshape(-1, len(time), rows.shape[1])
+
+    def limited(self) -> Fit:
+        """Return the fit with the same hyperparameters, without negative viscosity and gain.
+
+        Stiffness keeps one sign. The gain of EMG is of either sign.
+        """
+        step = max(1, len(self.data.ensemble.time) // MAX_LIMITED_TIMES)
+        stiffness, *rest, gain = self.quantities[:, ::step]
+        rows = [np.sign(self.posterior.mean[0]) * stiffness, rest[0]]
+        if self.drive.emg is None:
+            rows.append(gain)
+        return attrs.evolve(self, positive=np.concatenate(rows))
 
     @property
     def freedom(self) -> float:
@@ -239,14 +250,14 @@ class Fit:
         """
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
-            numbers, own = fit.shape[:free], slice(-free, None)
-            weighted, slopes = fit.data.weighted(fit.residual), fit.every_column[own]
-            gradient = np.tensordot(slopes, weighted, 2)
-            gradient += fit.precision[own] * (MEAN[:free] - numbers)
-            step = fit.inverse[own, own] @ gradient
-            if np.max(np.abs(step) / SPREAD[:free]) < SMALLEST_STEP:
+            own = slice(-free, None)
+            gradient = np.tensordot(fit.every_column[own], fit.data.weighted(fit.residual), 2)
+            gradient += fit.precision[own] * (MEAN - fit.shape)[:free]
+            step = np.pad(fit.inverse[own, own] @ gradient, (0, len(MEAN) - free))
+            if np.max(np.abs(step) / SPREAD) < SMALLEST_STEP:
                 break
-            tried = (fit.with_shape(numbers + step / 2**n) for n in range(MAX_HALVINGS))
+            shapes = (fit.moved(step / 2**n) for n in range(MAX_HALVINGS))
+            tried = (attrs.evolve(fit, shape=each) for each in shapes)
             better = next((each for each in tried if each.objective > fit.objective), None)
             if better is None:
                 break
@@ -283,18 +294,6 @@ def posterior_of(moments: Moments, spread: Array, positive: Array | None = None)
         noise_variance=noise,
         precision=found.precision / noise,
     )
-
-
-def relative_log_evidence(found: Posterior, square: float) -> float:
-    r"""Return the log evidence relative to that of a torque that is all noise, without units.
-
-    S is the diagonal matrix of the prior standard deviations relative to the noise.
-
-    .. math:: \log p = -\tfrac n2 \log \frac{y^T (1 + \Phi S^2 \Phi^T)^{-1} y}{y^T y}
-              - \tfrac12 \log|S \Phi^T\Phi S + 1|
-    """
-    misfit = found.number * math.log(found.penalized_residual / square)
-    return -0.5 * (misfit + found.log_determinant)
 
 
 def decays_off(parameters: Array) -> Array:

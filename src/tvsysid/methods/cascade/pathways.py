@@ -25,8 +25,8 @@ PATHWAYS = ("intrinsic", "reflex")
 class Stretch:
     """Velocity of the total angle beyond a ``threshold`` in rad/s.
 
-    ``direction`` is that of stretch, 1 or -1. If a channel of ``emg`` is named, its signal takes
-    the place of the velocity.
+    ``direction`` is that of stretch, 1 or -1; 0 is none. If a channel of ``emg`` is named, its
+    signal takes the place of the velocity.
     """
 
     threshold: float = 0.0
@@ -70,9 +70,8 @@ def history(ensemble: Ensemble, values: Array, samples: int) -> Array:
     core = ensemble.core
     out = np.empty((len(ensemble), samples + ensemble.samples))
     for run in ensemble.runs:
-        head = values[run[0], max(0, core.start - samples) : core.start]
-        missing = np.full(samples - len(head), np.nan)
-        line = np.concatenate([missing, head, values[run, core].ravel()])
+        line = np.concatenate([values[run[0], : core.start], values[run, core].ravel()])
+        line = np.pad(line, (samples, 0), constant_values=np.nan)[core.start :]
         out[run] = sliding_window_view(line, out.shape[1])[:: ensemble.samples]
     return out
 
@@ -106,13 +105,13 @@ class TwoPathwayModel(ImpulseResponseModel):
         They are shares of the torque's variance in %, of both pathways together and of each alone.
         """
         pathways = self.pathways(ensemble)
-        both = np.sum([*pathways.values()], axis=0)
-        known = np.isfinite(both)
-        torque = ensemble.torque[:, ensemble.core][known]
+        parts = {f"vaf_{name}": part for name, part in pathways.items()}
+        parts["vaf"] = np.sum([*pathways.values()], axis=0)
+        # NaN where a pathway is unknown
+        torque = ensemble.torque[:, ensemble.core] + 0 * parts["vaf"]
         details = dict(self.diagnostics.details)
-        parts = {"vaf": both} | {f"vaf_{name}": each for name, each in pathways.items()}
         for name, part in parts.items():
-            details[name] = 100 * (1 - float(np.var(torque - part[known]) / np.var(torque)))
+            details[name] = 100 * float(1 - np.nanvar(torque - part) / np.nanvar(torque))
         if isinstance(self.drive, Stretch):
             details["direction"] = float(self.drive.direction)
         return attrs.evolve(self, diagnostics=attrs.evolve(self.diagnostics, details=details))

@@ -13,7 +13,7 @@ from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
-from tvsysid.methods.cascade.fit import USUAL_SHAPE
+from tvsysid.methods.cascade.fit import MEAN
 from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch
 from tvsysid.numerics.gaussian import Moments, least_squares
 from tvsysid.numerics.noise import autocorrelation
@@ -59,7 +59,7 @@ def is_time_varying(ensemble: Ensemble) -> bool:
     except InputError:
         return False
     constant, changing = (
-        _held_out(each, each.products(late), late) for each in (data.constant, data)
+        each.held_out(each.products(late), late) for each in (data.constant, data)
     )
     return _improvement(data, constant, changing)[0] < MAX_P_VALUE
 
@@ -99,7 +99,7 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
     def held_out(directions: Array) -> Array:
         """Return the residual torque beside sums of both directions, (sum, direction)."""
         columns = block_diag(np.eye(data.intrinsic_count), directions, 1)
-        return _held_out(data, columns @ products @ columns.T, np.tensordot(directions, both, 1))
+        return data.held_out(columns @ products @ columns.T, np.tensordot(directions, both, 1))
 
     each = np.eye(2)
     by_none, by_directed, by_linear, by_both = map(
@@ -132,14 +132,9 @@ def _columns(ensemble: Ensemble, harmonics: int) -> tuple[Data, Array]:
     data = Data.of(ensemble, harmonics)
     constant, weight = data.constant, np.ones((1, 1))
     drives = (Stretch(direction=each) for each in DIRECTIONS)
-    late = np.concatenate([constant.reflex(each, USUAL_SHAPE, weight) for each in drives])
+    late = np.concatenate([constant.reflex(each, MEAN, weight) for each in drives])
     left = data.residual(least_squares(data.moments(late)).mean, late)
     return attrs.evolve(data, noise=autocorrelation(left)), late
-
-
-def _held_out(data: Data, products: Array, late: Array) -> Array:
-    """Return the residual torque of held-out realizations beside late columns."""
-    return data.held_out(products, late, lambda moments: least_squares(moments).mean)
 
 
 def _improvement(data: Data, simple: Array, further: Array) -> tuple[float, float]:

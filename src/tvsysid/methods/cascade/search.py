@@ -7,16 +7,13 @@ from typing import NamedTuple
 
 import attrs
 import numpy as np
-from scipy.linalg import block_diag
 
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import (
     DELAY,
     MEAN,
     THRESHOLD,
-    USUAL_DELAY_S,
     USUAL_PARAMETERS,
-    USUAL_SHAPE,
     Fit,
 )
 from tvsysid.methods.cascade.pathways import Stretch
@@ -30,9 +27,9 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Ensemble
 
+NO_REFLEX = Stretch(direction=0)
 EMG_DELAY_S = 0.01
 INITIAL_THRESHOLD = 0.15  # rad/s
-MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
@@ -53,11 +50,10 @@ class Hyperparameters(NamedTuple):
 class Selection(NamedTuple):
     """Fits that a search selects.
 
-    ``fit`` has the most likely reflex, with this ``drive``. ``used`` gives the estimates: the same
-    fit if the reflex is shown, else one without a reflex.
+    ``fit`` has the most likely reflex. ``used`` gives the estimates: the same fit if the reflex is
+    shown, else one without a reflex.
     """
 
-    drive: Stretch
     fit: Fit
     used: Fit
 
@@ -76,47 +72,32 @@ def select(ensemble: Ensemble, harmonics: int, delay: float | None, emg: str | N
     data, usual_delay = Data.of(ensemble, harmonics), EMG_DELAY_S
     drive, shown, free, threshold = Stretch(emg=emg), True, THRESHOLD, 0.0
     if emg is None:
-        test, usual_delay = reflex_test_of(ensemble), USUAL_DELAY_S
+        test, usual_delay = reflex_test_of(ensemble), MEAN[DELAY]
         drive, shown, free = Stretch(direction=test.direction), test.shown, DELAY
         threshold = INITIAL_THRESHOLD * shown
     shape = np.array([*MEAN[:THRESHOLD], threshold, delay or usual_delay])
     if shown:
-        fit = limited(_refined(_fitted(data, drive, shape, free)))
-        return Selection(drive, fit, fit)
-    none = _fitted(data, None, shape, 0)
+        fit = _refined(_fitted(data, drive, shape, free)).limited()
+        return Selection(fit, fit)
+    none = _fitted(data, NO_REFLEX, shape, 0)
     usual = Fit(none.data, drive, shape, 0)
-    return Selection(drive, limited(usual), limited(none))
+    return Selection(usual.limited(), none.limited())
 
 
 def fit_again(ensemble: Ensemble, known: Hyperparameters) -> Selection:
     """Return the fit with known hyperparameters, of a reflex that is detected."""
     data = attrs.evolve(Data.of(ensemble, known.harmonics), noise=known.noise)
-    fit = limited(Fit(data, known.drive, known.shape, 0, known.parameters))
-    return Selection(known.drive, fit, fit)
+    fit = Fit(data, known.drive, known.shape, 0, known.parameters).limited()
+    return Selection(fit, fit)
 
 
 def one_path_stiffness(ensemble: Ensemble) -> float:
     """Return the mean stiffness of a fit without a reflex, whose torque it then includes."""
-    none = Fit(Data.of(ensemble, HARMONICS), None, USUAL_SHAPE, 0)
+    none = Fit(Data.of(ensemble, HARMONICS), NO_REFLEX, MEAN, 0)
     return float(none.posterior.mean[0])
 
 
-def limited(fit: Fit) -> Fit:
-    """Return the fit with the same hyperparameters, without negative viscosity and gain.
-
-    Stiffness keeps one sign. The gain of EMG is of either sign.
-    """
-    data, time = fit.data, fit.data.ensemble.time
-    some = slice(None, None, max(1, len(time) // MAX_LIMITED_TIMES))
-    stiffness = np.sign(fit.posterior.mean[0]) * np.eye(1, len(data.signals))[0]
-    rows = np.concatenate([data.features(each)[some] for each in (stiffness, data.readout[1])])
-    if fit.drive is not None:
-        gain = data.gain(time[some] / data.ensemble.duration)
-        rows = block_diag(rows, gain if fit.drive.emg is None else gain[:0])
-    return attrs.evolve(fit, positive=rows)
-
-
-def _fitted(data: Data, drive: Stretch | None, shape: Array, free: int) -> Fit:
+def _fitted(data: Data, drive: Stretch, shape: Array, free: int) -> Fit:
     """Return the fit of a drive. The data choose whether coefficients change over time."""
     start = Fit(data.constant, drive, shape, free, USUAL_PARAMETERS).improved()
 

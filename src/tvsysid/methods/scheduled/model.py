@@ -17,14 +17,19 @@ from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.signals import Array, Ensemble
 
 GRID = 61  # values of the variable at which estimates are stated
+DIRECTIONS = {"positive": 1, "negative": -1}  # of the velocity that drives a reflex
 
 
 class Orders(NamedTuple):
-    """Degrees of the polynomials of each part of the torque."""
+    """Degrees of the polynomials of each part of the torque; -1 for a part that there is not.
+
+    A reflex is driven by ``positive`` or by ``negative`` velocity.
+    """
 
     rest: int
     intrinsic: int
-    reflex: int
+    positive: int = -1
+    negative: int = -1
     inertia: int = 0
 
 
@@ -101,7 +106,7 @@ class ScheduledModel(Model):
         coefficients = self.coefficients
         for name, (regressors, _) in self.parts(ensemble).items():
             own, coefficients = np.split(coefficients, [regressors[..., 0, 0].size])
-            pathway = "reflex" if name == "reflex" else "intrinsic"
+            pathway = "reflex" if name in DIRECTIONS else "intrinsic"
             torque = np.tensordot(own.reshape(regressors.shape[:2]), regressors, 2)
             torques[pathway] = torques.get(pathway, 0.0) + torque
         return torques

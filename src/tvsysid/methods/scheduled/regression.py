@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods.scheduled.model import Orders, Parts
 from tvsysid.numerics import Array
+from tvsysid.numerics.gaussian import Moments, solve
 from tvsysid.numerics.noise import coloured_moments
 from tvsysid.signals import Ensemble
 
@@ -25,54 +26,60 @@ TIED = 0.5  # standard errors over folds by which lower orders may predict worse
 class Regression(NamedTuple):
     """Signals of an ensemble in one line of time.
 
-    ``values`` (column + 2, sample) are the regressors of all parts of the torque, divided by their
-    ``scale`` (column,), which is their standard deviation, the torque, and ones. They are 0 where
-    one of them is not known. ``part`` and ``degree`` (column,) are the position in :class:`Orders`
-    of each regressor's part and the degree of its polynomial.
+    ``values`` (column + 2, sample) are the regressors of all parts of the torque, the torque, and
+    ones. They are 0 where one of them is not known. ``part`` and ``degree`` (column,) are the
+    position in :class:`Orders` of each regressor's part and the degree of its polynomial.
+    ``ridge`` (column,) is added to the regressors' squares, for columns that are nearly collinear.
     ``moments`` (fold, column + 2, column + 2) are the products of the values in each fold.
     """
 
     part: NDArray[np.int64]
     degree: NDArray[np.int64]
-    scale: Array
+    ridge: Array
     values: Array
     moments: Array
 
     @classmethod
     def of(cls, parts: Parts, ensemble: Ensemble) -> Regression:
-        """Return the regression of an ensemble.
-
-        Raises
-        ------
-        InputError
-            If the samples are too few.
-        """
+        """Return the regression of an ensemble, whose realizations are in the order of time."""
         torque = ensemble.torque[None, :, ensemble.core]
         columns = [each.regressors.reshape(-1, *torque.shape[1:]) for each in parts.values()]
-        rows = np.concatenate([*columns, torque, np.ones_like(torque)])
-        values = rows[:, np.concatenate(ensemble.runs)].reshape(len(rows), -1)
-        known = np.isfinite(values).all(axis=0)
-        samples, count = np.flatnonzero(known), len(values) - 2
-        if len(samples) < MIN_SAMPLES * count:
-            raise InputError(
-                f"{len(samples)} samples, at which all lags and the reflex's memory were recorded, "
-                f"are too few for {count} coefficients; give a longer record, more context, a "
-                "lower order or a shorter memory"
-            )
-        scale = values[:-2].std(axis=1, where=known)
-        scale[scale == 0] = 1.0  # the constant
-        values[:-2] /= scale[:, None]
+        values = np.concatenate([*columns, torque, np.ones_like(torque)])
+        values = values.reshape(len(values), -1)
+        # Polynomials of all degrees are known at the same samples
+        lowest = np.concatenate([each.regressors[:, 0] for each in parts.values()])
+        known = np.isfinite(lowest).all(axis=0).ravel()
         values[:, ~known] = 0.0
+        samples = np.flatnonzero(known)
         edges = np.linspace(0, len(samples), FOLDS + 1).astype(int)[1:-1]
         folds = np.split(values, samples[edges], axis=1)
+        moments = np.stack([fold @ fold.T for fold in folds])
+        total = moments.sum(axis=0)
+        power = (total.diagonal() - total[-1] ** 2 / len(samples))[:-2]
         return cls(
             np.repeat([Orders._fields.index(name) for name in parts], list(map(len, columns))),
             np.concatenate(
                 [np.indices(each.regressors.shape[:2])[1].ravel() for each in parts.values()]
             ),
-            scale,
+            RIDGE * np.where(power > 0, power, len(samples)),  # the constant has no power
             values,
-            np.stack([fold @ fold.T for fold in folds]),
+            moments,
+        )
+
+    def columns(self, orders: Orders) -> NDArray[np.int64]:
+        """Return the indices of the columns of lower orders."""
+        return np.flatnonzero(self.degree <= np.array(orders)[self.part])
+
+    def subset(self, orders: Orders) -> Regression:
+        """Return the regression with lower orders."""
+        columns = self.columns(orders)
+        rows = np.append(columns, [-2, -1])
+        return Regression(
+            self.part[columns],
+            self.degree[columns],
+            self.ridge[columns],
+            self.values[rows],
+            self.moments[:, rows[:, None], rows],
         )
 
     @property
@@ -82,36 +89,56 @@ class Regression(NamedTuple):
 
     @property
     def coefficients(self) -> Array:
-        """Return the least-squares coefficients of the values (column,)."""
-        return self.solve(self.total, np.arange(len(self.scale)))
+        """Return the least-squares coefficients (column,)."""
+        gram, cross = self.total[:-2, :-2] + np.diag(self.ridge), self.total[:-2, -2]
+        return np.asarray(np.linalg.solve(gram, cross), dtype=np.float64)
 
-    def regularized(self, gram: Array) -> Array:
-        """Return products of columns with a slight ridge, for columns that are nearly collinear."""
-        return np.asarray(gram + RIDGE * self.total[-1, -1] * np.eye(gram.shape[-1]))
+    def held_out(self, orders: Orders, part: str) -> Array:
+        """Return the VAF (degree, fold) of each fold by a fit to the others, in per cent.
 
-    def solve(self, moments: Array, kept: NDArray[np.int64]) -> Array:
-        """Return least-squares coefficients of the values (…, column), 0 of those not kept."""
-        coefficients = np.zeros((*moments.shape[:-2], len(self.scale)))
-        gram, cross = moments[..., kept[:, None], kept], moments[..., kept, -2, None]
-        coefficients[..., kept] = np.linalg.solve(self.regularized(gram), cross)[..., 0]
-        return coefficients
+        The degrees of one ``part`` are those from 0 to its order.
+        """
+        columns = self.columns(orders)
+        degree = self.degree[columns] * (self.part[columns] == Orders._fields.index(part))
+        columns = columns[np.argsort(degree, kind="stable")]
+        rows = np.append(columns, [-2, -1])
+        moments = self.moments[:, rows[:, None], rows]
+        others = moments.sum(axis=0) - moments
+        cross = others[:, :-2, -2]
+        # In the columns made orthonormal in their order, lower orders have the same coefficients.
+        white = [
+            solve(Moments(*each, 0.0, 0.0), self.ridge[columns]).inverse_factor
+            for each in zip(others[:, :-2, :-2], cross, strict=True)
+        ]
+        terms = white * (white @ cross[..., None])
+        last = np.cumsum(np.bincount(degree)) - 1
+        return explained(moments, np.cumsum(terms, axis=1)[:, last]).T
 
-    def held_out(self, orders: Orders) -> Array:
-        """Return the VAF (fold,) of each fold by a fit to the others, in per cent."""
-        kept = np.flatnonzero(self.degree <= np.array(orders)[self.part])
-        return explained(self.moments, self.solve(self.total - self.moments, kept))
-
-    def best_orders(self, orders: Sequence[Orders]) -> tuple[Orders, float]:
+    def best_orders(self, orders: Sequence[Orders], reflex: str) -> tuple[Orders, float]:
         """Return the lowest orders that predict folds as well as the best do, and their VAF.
 
-        The intrinsic order, that of the reflex, and the former again are chosen beside the best of
-        the other, from the first of the ``orders`` on.
+        The intrinsic order, that of the ``reflex``, and the former again are chosen beside the best
+        of the other, from the first of the ``orders`` on.
+
+        Raises
+        ------
+        InputError
+            If the samples are too few for the last orders.
         """
-        best, vaf = orders[0], {}
-        for fixed in ("reflex", "intrinsic", "reflex"):
-            for each in orders:
-                if each not in vaf and getattr(each, fixed) == getattr(best, fixed):
-                    vaf[each] = self.held_out(each)
+        samples, count = int(self.total[-1, -1]), len(self.columns(orders[-1]))
+        if samples < MIN_SAMPLES * count:
+            raise InputError(
+                f"{samples} samples, at which all lags and the reflex's memory were recorded, are "
+                f"too few for {count} coefficients; give a longer record, more context, a lower "
+                "order or a shorter memory"
+            )
+        best, vaf = orders[0], dict[Orders, Array]()
+        pairs = (reflex, "intrinsic"), ("intrinsic", reflex)
+        for fixed, part in (*pairs, pairs[0]):
+            tried = [each for each in orders if getattr(each, fixed) == getattr(best, fixed)]
+            if tried[-1] not in vaf:
+                held_out = self.held_out(tried[-1], part)
+                vaf |= {each: held_out[getattr(each, part)] for each in tried}
             best = max(vaf, key=lambda each: float(vaf[each].mean()))
         losses = {each: vaf[best] - own for each, own in vaf.items()}
         as_good = [
@@ -123,7 +150,7 @@ class Regression(NamedTuple):
         return chosen, float(vaf[chosen].mean())
 
     def covariance(self, rate: float, freedom: float) -> Array:
-        r"""Return the covariance of the coefficients of the values under coloured noise.
+        r"""Return the covariance of the coefficients under coloured noise.
 
         .. math:: A^{-1} X \Sigma X^T A^{-1}
 
@@ -133,7 +160,7 @@ class Regression(NamedTuple):
         columns, lags = self.values[:-2], round(MAX_COLOUR_S * rate)
         residual = self.values[-2] - self.coefficients @ columns
         taper = (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
-        inverse = np.linalg.inv(self.regularized(self.total[:-2, :-2]))
+        inverse = np.linalg.inv(self.total[:-2, :-2] + np.diag(self.ridge))
         coloured = coloured_moments(columns, residual, taper)
         return np.asarray(inverse @ coloured @ inverse * len(residual) / freedom)
 
@@ -145,20 +172,21 @@ class Regression(NamedTuple):
         own = self.part == Orders._fields.index(part)
         matrix = np.zeros((np.max(self.degree[own]) + 1, len(own)))
         matrix[:, own] = np.kron(weights, np.eye(len(matrix)))  # columns are (signal, degree)
-        return matrix / self.scale
+        return matrix
 
 
 def explained(moments: Array, coefficients: Array) -> Array:
-    """Return the variance of the torque that coefficients (…, column) account for, in per cent.
+    """Return the variance of the torque that each fit accounts for, in per cent.
 
-    The ``moments`` (…, column + 2, column + 2) are those of columns, torque and ones.
+    The ``coefficients`` have shape (…, fit, column). The ``moments`` (…, column + 2, column + 2)
+    are those of columns, torque and ones.
     """
     size = coefficients.shape[-1]
 
     def variance(weights: Array) -> Array:
-        products = (moments @ weights[..., None])[..., 0]
+        products = weights @ moments
         mean_square = np.sum(products * weights, axis=-1)
-        return np.asarray(mean_square - products[..., -1] ** 2 / moments[..., -1, -1])
+        return np.asarray(mean_square - products[..., -1] ** 2 / moments[..., -1:, -1])
 
     left = np.insert(-coefficients, [size, size], [1.0, 0.0], axis=-1)
-    return 100 * (1 - variance(left) / variance(np.eye(size + 2)[-2]))
+    return 100 * (1 - variance(left) / variance(np.eye(size + 2)[-2:-1]))

@@ -14,14 +14,21 @@ from operator import itemgetter
 import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.linalg import convolution_matrix
 
 from tvsysid.methods import base
-from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, history
-from tvsysid.methods.scheduled.model import Curves, Orders, Part, Parts, ScheduledModel
+from tvsysid.methods.cascade.pathways import Stretch, history
+from tvsysid.methods.scheduled.model import (
+    DIRECTIONS,
+    Curves,
+    Orders,
+    Part,
+    Parts,
+    ScheduledModel,
+)
 from tvsysid.methods.scheduled.regression import Regression, explained
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.models import IMPEDANCE, Diagnostics
-from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.laguerre import laguerre_filters
 from tvsysid.numerics.second_order import response_readout
@@ -30,6 +37,7 @@ from tvsysid.validators import at_least, boolean, not_negative, optional, positi
 
 MAX_ORDER = 10  # of the polynomials that are tried
 TIME_CONSTANT_S = 0.03  # over which the Laguerre filters decay
+BLOCK = 32  # samples that are filtered at once
 MIN_GAIN = 0.1  # points of VAF by which a free torque at rest must predict folds better
 
 Signals = Mapping[str, tuple[Array, Mapping[str, Array]]]
@@ -85,20 +93,26 @@ class Scheduled(base.Method):
         """Return the model of an ensemble."""
         orders, reflex_orders = (
             range(MAX_ORDER + 1) if each is None else (each,)
-            for each in (self.order, self.reflex_order if self.reflex else 0)
+            for each in (self.order, self.reflex_order if self.reflex else -1)
         )
-        tried = [Orders(self.rest_order, *each) for each in product(orders, reflex_orders)]
-        every = tried[-1]._replace(rest=max(tried[-1]))
         values, angle = self._values(ensemble), ensemble.angle[:, ensemble.core]
         limits, centre = (float(values.min()), float(values.max())), float(angle.mean())
+        parts = partial(self._parts, limits, centre)
+        rest, reflex = max(self.rest_order, orders[-1], reflex_orders[-1]), reflex_orders[-1]
+        every = Orders(rest, orders[-1], reflex, reflex)
+        # Folds are consecutive in time
+        ordered = ensemble.select(np.concatenate(ensemble.runs))
+        every_part = parts(every, ordered)
+        highest = Regression.of(every_part, ordered)
         fits = []
-        for direction in DIRECTIONS[: 1 + self.reflex]:
-            parts = partial(self._parts, limits, centre, direction)
-            highest = Regression.of(parts(every, ensemble), ensemble)
-            fits.append((*highest.best_orders(tried), direction, parts, highest))
-        best, vaf_folds, direction, parts, highest = max(fits, key=itemgetter(1))
-        chosen = parts(best, ensemble)
-        fit = Regression.of(chosen, ensemble)
+        for name in list(DIRECTIONS)[: 1 + self.reflex]:
+            tried = [
+                Orders(self.rest_order, order)._replace(**{name: reflex})
+                for order, reflex in product(orders, reflex_orders)
+            ]
+            fits.append(highest.best_orders(tried, name))
+        best, vaf_folds = max(fits, key=itemgetter(1))
+        fit = highest.subset(best)
         total, coefficients = fit.total, fit.coefficients
         # Columns of zeros have no coefficients: subtracting the mean removes a constant torque
         parameters = np.count_nonzero(coefficients)
@@ -106,22 +120,23 @@ class Scheduled(base.Method):
         freedom = max(1.0, total[-1, -1] * independent - parameters)
         covariance = fit.covariance(ensemble.sampling_rate, freedom)
         polynomials = {}
-        for part, (_, quantities) in chosen.items():
-            for name, weights in quantities.items():
+        for part, (_, quantities) in every_part.items():
+            for name, weights in quantities.items() if getattr(best, part) >= 0 else ():
                 readout = fit.readout(part, weights)
                 polynomials[name] = readout @ coefficients, readout @ covariance @ readout.T
         curves = Curves(limits, polynomials, freedom)
         estimates = curves.at(values, ("realization", "time"))
         scheduled = curves.at(curves.grid, (self.variable,))
         details = {
-            "vaf": float(explained(total, coefficients)),
+            "vaf": float(explained(total, coefficients[None])[0]),
             "vaf_folds": vaf_folds,
             "order": float(best.intrinsic),
         }
         if self.reflex:
-            details |= {"reflex_order": float(best.reflex), "direction": float(direction)}
+            details["reflex_order"] = float(max(best.positive, best.negative))
+            details["direction"] = 1.0 if best.positive >= 0 else -1.0
         free = best._replace(rest=max(best))
-        gain = highest.held_out(free).mean() - vaf_folds
+        gain = highest.held_out(free, "rest")[-1].mean() - vaf_folds
         return ScheduledModel(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
@@ -133,7 +148,7 @@ class Scheduled(base.Method):
                 details=details,
             ),
             parts=partial(parts, best),
-            coefficients=coefficients / fit.scale,
+            coefficients=coefficients,
             curves=curves,
         )
 
@@ -162,7 +177,6 @@ class Scheduled(base.Method):
         self,
         limits: tuple[float, float],
         centre: float,
-        direction: int,
         orders: Orders,
         ensemble: Ensemble,
     ) -> Parts:
@@ -170,28 +184,30 @@ class Scheduled(base.Method):
 
         They lose their mean over realizations where the ensemble has lost its own.
         """
-        variable = ensemble.signal(self.variable)
-        powers = np.moveaxis(chebyshev_of(variable, limits, max(orders) + 1), -1, 0)
+        variable, degrees = ensemble.signal(self.variable), max(orders) + 1
+        powers = polynomials_of(variable[:, ensemble.core], limits, degrees)
         signals = {"rest": (np.ones((1, 1, 1)), {}), **self._intrinsic(ensemble, centre)}
         parts = {
-            name: Part(
-                own[:, None] * powers[: getattr(orders, name) + 1, :, ensemble.core], weights
-            )
+            name: Part(own[:, None] * powers[: getattr(orders, name) + 1], weights)
             for name, (own, weights) in signals.items()
         }
-        if self.reflex:
-            delay, memory = (
-                base.whole_samples(each, ensemble) for each in (self.delay, self.memory)
-            )
-            decay = TIME_CONSTANT_S * ensemble.sampling_rate
-            responses = laguerre_filters(self.filters, memory, decay)
-            drives = powers[: orders.reflex + 1] * Stretch(direction=direction)(ensemble)
-            reflex = filtered(drives, responses, delay, ensemble)
-            parts["reflex"] = Part(reflex, {"reflex_gain": responses.sum(axis=1)})
+        delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
+        decay = TIME_CONSTANT_S * ensemble.sampling_rate
+        responses = laguerre_filters(self.filters, memory, decay)
+        before = delay + memory - 1
+        past_powers = polynomials_of(history(ensemble, variable, before), limits, degrees)
+        for name, direction in DIRECTIONS.items():
+            order = getattr(orders, name)
+            if order >= 0:
+                velocity = history(ensemble, Stretch(direction=direction)(ensemble), before)
+                drives = past_powers[: order + 1] * velocity
+                reflex = filtered(drives, responses, delay, ensemble)
+                parts[name] = Part(reflex, {"reflex_gain": responses.sum(axis=1)})
         if ensemble.mean_subtracted:
-            for name, (own, weights) in parts.items():
-                mean = mean_known(np.moveaxis(own, 2, 0))[:, :, None]
-                parts[name] = Part(own - mean, weights)
+            for columns, _ in parts.values():
+                known = np.isfinite(columns[:, :1])
+                count = np.maximum(known.sum(axis=2, keepdims=True), 1)
+                columns[:] -= columns.sum(axis=2, keepdims=True, where=known) / count
         return parts
 
     @abstractmethod
@@ -202,18 +218,33 @@ class Scheduled(base.Method):
         """
 
 
+def polynomials_of(values: Array, limits: tuple[float, float], count: int) -> Array:
+    """Return the Chebyshev polynomials of values, shape (polynomial, realization, time)."""
+    return np.ascontiguousarray(np.moveaxis(chebyshev_of(values, limits, count), -1, 0))
+
+
 def filtered(drives: Array, responses: Array, delay: int, ensemble: Ensemble) -> Array:
     """Return drives behind a delay in samples and filters, (filter, drive, realization, time).
 
-    The ``drives`` have shape (drive, realization, context + time + context), the ``responses``
-    (filter, lag).
+    The ``drives`` have shape (drive, realization, history + time), the ``responses`` (filter, lag).
     """
-    memory, found = responses.shape[1], []
-    for drive in drives:
-        past = history(ensemble, drive, delay + memory - 1)[:, : memory - 1 + ensemble.samples]
-        windows = sliding_window_view(past, memory, axis=1)
-        found.append(np.tensordot(responses[:, ::-1], windows, axes=(1, 2)))
-    return np.stack(found, axis=1)
+    count, earlier = len(drives), responses.shape[1] - 1
+    # A block of samples and those before, times this, is a filter's output in the block.
+    matrices = convolution_matrix(responses[:, ::-1], BLOCK)
+    out = np.empty((len(responses), count, len(ensemble), ensemble.samples))
+    for run in ensemble.runs:
+        before, own = np.split(drives[:, run], [delay + earlier], axis=2)
+        size = own[0].size
+        line = np.append(before[:, 0], own.reshape(count, -1), axis=1)[:, : earlier + size]
+        missing = np.isnan(line[0]).sum()  # from the beginning on
+        line = np.pad(np.nan_to_num(line), ((0, 0), (0, -size % BLOCK)))
+        blocks = sliding_window_view(line, earlier + BLOCK, axis=1)[:, ::BLOCK]
+        blocks = blocks.reshape(-1, earlier + BLOCK)
+        for columns, matrix in zip(out, matrices, strict=True):
+            torque = (blocks @ matrix).reshape(count, -1)[:, :size]
+            torque[:, :missing] = np.nan
+            columns[:, run] = torque.reshape(count, len(run), -1)
+    return out
 
 
 @attrs.frozen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from typing import cast
 
 import attrs
 import numpy as np
@@ -12,30 +12,32 @@ from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.pathways import Stretch, TwoPathwayModel, driven, history
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
+from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.methods.sds import ShortDataSegments
+from tvsysid.methods.shared.windows import window_means
 from tvsysid.models import Estimate, StandardError
-from tvsysid.numerics.alternation import Solver, alternate, solve_by_basis
 from tvsysid.numerics.bands import mean_known
-from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, FourierSeries
-from tvsysid.numerics.moments import convolve_lags, sliding_sum
+from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, FourierSeries, evaluate
+from tvsysid.numerics.gaussian import Moments, ridge
+from tvsysid.numerics.moments import convolve_lags, expanded, lagged_moments
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import not_negative, optional, positive, text
 
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 MIN_REALIZATIONS = 3  # with their past: of fewer there is nothing to average over
-MAX_PRODUCTS = 2**26  # of lagged signals at all times: 0.5 GiB for each direction of stretch
+MAX_TURNS = 30  # of either pathway
 
 
 @attrs.frozen
 class AlternatingCascade(TwoPathwayMethod):
     """Identify each pathway in turn from the torque that the other pathway leaves.
 
-    The weights of both change by a ``basis``, unless a subclass has another solver. The response of
-    the reflex begins where the lags of the intrinsic response end, or at 0 with EMG or without
-    ``begins_late``. Turns end when the explained torque hardly grows. The method ``one_pathway``
-    then identifies the impedance from the torque that the reflex leaves. Realizations whose past is
-    not recorded are left out.
+    The weights of both change by a ``basis``, unless a subclass has other ``weights``. The
+    response of the reflex begins where the lags of the intrinsic response end, or at 0 with EMG or
+    without ``begins_late``. Turns end when the explained torque hardly grows. The method
+    ``one_pathway`` then identifies the impedance from the torque that the reflex leaves.
+    Realizations whose past is not recorded are left out.
     """
 
     max_lag: float = attrs.field(default=0.04, validator=positive)
@@ -54,59 +56,83 @@ class AlternatingCascade(TwoPathwayMethod):
         """Return the method that identifies the intrinsic pathway alone."""
         return BasisIRF(self.max_lag, self.basis, model="irf", prior="ridge")
 
-    def solver(self, ensemble: Ensemble) -> Solver:
-        """Return the function that fits a pathway to the torque that the other leaves."""
-        return partial(solve_by_basis, self.basis)
+    def weights(self, pathway: Ensemble) -> Array:
+        """Return the weights (time, lag) of a pathway whose input is the angle."""
+        gram, cross, square, _ = lagged_moments(pathway.angle, pathway.torque, pathway.context)
+        functions = evaluate(self.basis, len(cross))
+        products = expanded(gram, functions), (cross.T @ functions).ravel()
+        moments = Moments(*products, float(square.sum()), len(cross)).times(len(pathway))
+        return np.asarray(functions @ ridge(moments).mean.reshape(-1, functions.shape[1]).T)
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Return a reason to skip if too few realizations have a past, or there are many lags."""
+        """Return a reason to skip if too few realizations have a past and context after them."""
         past = history(ensemble, ensemble.angle, whole_samples(self.memory, ensemble))
-        count = int((~np.isnan(past).any(axis=1)).sum())
+        count = int(np.isfinite(past).all(axis=1).sum())
         has_context = ensemble.context >= whole_samples(self.max_lag, ensemble)
-        if count < MIN_REALIZATIONS or not has_context:
-            return (
-                f"{count} of {len(ensemble)} realizations have {self.memory:g} s recorded before "
-                f"them, and {MIN_REALIZATIONS} are needed, with {self.max_lag:g} s after them; cut "
-                "with more context (--context), or shorten memory"
-            )
-        lags = whole_samples(2 * self.max_lag + self.memory, ensemble)
-        if ensemble.samples * lags**2 > MAX_PRODUCTS:
-            return f"{lags} lags at {ensemble.samples} times are too many; decimate to some 100 Hz"
-        return None
+        if count >= MIN_REALIZATIONS and has_context:
+            return None
+        return (
+            f"{count} of {len(ensemble)} realizations have {self.memory:g} s recorded before "
+            f"them, and {MIN_REALIZATIONS} are needed, with {self.max_lag:g} s after them; cut "
+            "with more context (--context), or shorten memory"
+        )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
         """Return the model of an ensemble."""
-        lags, before = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
+        rate, core = ensemble.sampling_rate, ensemble.core
+        lags, last = (whole_samples(each, ensemble) for each in (self.max_lag, self.memory))
         first = lags if self.begins_late and self.emg is None else 0
+        last -= (last - first) % 2  # an odd number of lags: as many before the middle as after it
         direction = reflex_test_of(ensemble).direction if self.emg is None else 1
         drive = Stretch(direction=direction, emg=self.emg)
-        past = driven(ensemble, drive, before)[:, : before - first + ensemble.samples]
+        past = driven(ensemble, drive, last)[:, : last - first + ensemble.samples]
         known = np.isfinite(past).all(axis=1)
         past = (past - mean_known(past))[known]
-        reach = slice(ensemble.core.start - lags, ensemble.core.stop + lags)
-        kept = ensemble.select(known)
-        kept = attrs.evolve(kept, **kept.mapped(lambda values: values[:, reach]), context=lags)
-        torque = kept.torque.copy()
-        signals = kept.angle, past, torque[:, kept.core]
-        _, reflex = alternate(*signals, self.solver(ensemble), self.min_gain)
-        torque[:, kept.core] -= convolve_lags(past, reflex)
-        intrinsic = self.one_pathway.fit(attrs.evolve(kept, torque=torque))
-        gain = {"reflex_gain": Estimate(reflex.sum(axis=1), drive.gain_unit)}
+        angle = ensemble.angle[known, core.start - lags : core.stop + lags]
+        intrinsic, reflex = self.in_turn(angle, past, ensemble.torque[known, core], rate)
+        gain = Estimate(reflex.sum(axis=1) / rate, drive.gain_unit)
         error = StandardError.none(ensemble.samples, NO_BAND)
-        known = attrs.fields(type(intrinsic))
-        fields = {each.alias: getattr(intrinsic, each.name) for each in known} | {
-            "method": repr(self),
-            "estimates": {
-                name: attrs.evolve(each, error=error)
-                for name, each in {**intrinsic.estimates, **gain}.items()
-            },
-        }
         return TwoPathwayModel(
-            **fields,
-            reflex_response=reflex * ensemble.sampling_rate,
-            reflex_lags=(first + np.arange(reflex.shape[1])) / ensemble.sampling_rate,
+            sampling_rate=rate,
+            time=ensemble.time,
+            estimates={
+                name: attrs.evolve(each, error=error)
+                for name, each in {**intrinsic.estimates, "reflex_gain": gain}.items()
+            },
+            impulse_response=intrinsic.impulse_response,
+            lags=intrinsic.lags,
+            reflex_response=reflex,
+            reflex_lags=(first + np.arange(reflex.shape[1])) / rate,
             drive=drive,
+            diagnostics=intrinsic.diagnostics,
         ).with_details(ensemble)
+
+    def in_turn(
+        self, angle: Array, past: Array, torque: Array, rate: float
+    ) -> tuple[ImpulseResponseModel, Array]:
+        """Return the model of the intrinsic pathway, and the reflex's response (time, lag).
+
+        The signals have shape (realization, time). The ``angle`` has as much context to either
+        side, and the drive of the reflex as much ``past``, as their lags reach.
+        """
+
+        def pathway(signal: Array, left: Array) -> Ensemble:
+            """Return signal and torque with as much context as the signal has."""
+            context = (signal.shape[1] - left.shape[1]) // 2
+            padded = np.pad(left, ((0, 0), (context, context)))
+            return Ensemble(signal, padded, rate, context)
+
+        explained, unexplained = np.zeros_like(torque), np.inf
+        for _ in range(MAX_TURNS):
+            intrinsic = pathway(angle, torque - explained)
+            left = torque - convolve_lags(angle, self.weights(intrinsic))
+            weights = self.weights(pathway(past, left))
+            answer = convolve_lags(past, weights)
+            share = np.sum((left - answer) ** 2) / np.sum(torque**2)
+            if share > unexplained - self.min_gain:
+                break
+            reflex, explained, unexplained = weights, answer, share
+        return cast(ImpulseResponseModel, self.one_pathway.fit(intrinsic)), reflex * rate
 
 
 @attrs.frozen
@@ -127,8 +153,8 @@ class ParallelCascade(AlternatingCascade):
     max_lag
         Lags of the intrinsic response to either side in s; no more than the reflex's delay.
     memory
-        Lags of the reflex's response in s. The authors' 1 s needs as much context, or realizations
-        that follow each other.
+        Last lag of the reflex's response in s, or one sample less. The authors' 1 s needs as much
+        context, or realizations that follow each other.
 
     Notes
     -----
@@ -186,7 +212,7 @@ class BasisCascade(AlternatingCascade):
         Lags of the intrinsic response to either side in s, no more than the reflex's delay. The
         reflex's response begins there; with EMG, it begins at 0.
     memory
-        Last lag of the reflex's response in s.
+        Last lag of the reflex's response in s, or one sample less.
     basis
         Basis functions of normalised time; see :class:`BasisIRF`.
     emg
@@ -252,7 +278,7 @@ class EnsembleCascade(AlternatingCascade):
         Lags of the intrinsic response to either side in s, no more than the reflex's delay.
         The reflex's response begins there.
     memory
-        Last lag of the reflex's response in s.
+        Last lag of the reflex's response in s, or one sample less.
     window
         Time in s over which the joint is taken as constant, as in :class:`ShortDataSegments`. 0, as
         the paper has it, takes each time by itself, and needs 500 to 800 realizations.
@@ -291,13 +317,12 @@ class EnsembleCascade(AlternatingCascade):
         """Return the method that identifies the intrinsic pathway alone."""
         return ShortDataSegments(self.max_lag, self.window)
 
-    def solver(self, ensemble: Ensemble) -> Solver:
-        """Return the function that fits a pathway at each time, from sums over the window."""
-        half = whole_samples(self.window / 2, ensemble)
-
-        def solve(gram: Array, cross: Array, square: Array, realizations: int) -> Array:
-            every = gram, cross, square, np.full(len(square), float(realizations))
-            gram, cross, square, samples = (sliding_sum(each, half, half) for each in every)
-            return truncated(gram, cross, square, samples).weights
-
-        return solve
+    def weights(self, pathway: Ensemble) -> Array:
+        """Return the weights (time, lag) of a pathway from means over the window."""
+        half = whole_samples(self.window / 2, pathway)
+        means = window_means(pathway, pathway.context, half)
+        solutions = (
+            truncated(gram, cross, square, samples * len(pathway))
+            for samples, gram, cross, square, _ in means
+        )
+        return np.concatenate([each.weights for each in solutions])

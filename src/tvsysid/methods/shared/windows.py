@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -60,23 +60,9 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
     The noise is the residual of the solution without truncation. With truncation, it would be too
     small for the rank, because the same noise decides which directions are kept.
     """
-    angle, torque, margin = _within_reach(ensemble, lags, half)
-    times = angle.shape[1] - 2 * (lags + margin)
-    # Indices count from sample ``lags`` of the angle, the first with all lags. The first time has
-    # the index ``margin``.
     realizations = independent_realizations(ensemble)
-    length = times + 2 * margin
     parts = []
-    for chunk in time_chunks(times, 2 * lags + 1):
-        begin = max(0, chunk.start + margin - half)
-        end = min(length, chunk.stop + margin + half)
-        within = slice(begin, end + 2 * lags)
-        centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
-        summed = np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags)
-        samples, *sums = (sliding_sum(each, half, half)[centres] for each in summed)
-        phi_uu, phi_uy, square, mean = (
-            total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums
-        )
+    for samples, phi_uu, phi_uy, square, mean in window_means(ensemble, lags, half):
         count = samples * len(ensemble)
         independent = samples * realizations
         variance = (square - mean**2) * count / np.maximum(count - 1, 1)
@@ -88,6 +74,28 @@ def solve_windows(ensemble: Ensemble, lags: int, half: int, solve: Solver = trun
         rank = solution.rank
         parts.append((solution.weights, rank, count, independent, noise, freedom, readout, fit))
     return Windows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+
+
+def window_means(ensemble: Ensemble, lags: int, half: int) -> Iterator[tuple[Array, ...]]:
+    """Yield means over realizations and a window about each time, for chunks of time.
+
+    The first array is the number of samples in the window. The others are the means of
+    :func:`tvsysid.numerics.moments.lagged_moments`.
+    """
+    angle, torque, margin = _within_reach(ensemble, lags, half)
+    times = angle.shape[1] - 2 * (lags + margin)
+    # Indices count from sample ``lags`` of the angle, the first with all lags. The first time has
+    # the index ``margin``.
+    length = times + 2 * margin
+    for chunk in time_chunks(times, 2 * lags + 1):
+        begin = max(0, chunk.start + margin - half)
+        end = min(length, chunk.stop + margin + half)
+        within = slice(begin, end + 2 * lags)
+        centres = slice(chunk.start + margin - begin, chunk.stop + margin - begin)
+        summed = np.ones(end - begin), *lagged_moments(angle[:, within], torque[:, within], lags)
+        samples, *sums = (sliding_sum(each, half, half)[centres] for each in summed)
+        means = (total / samples.reshape(-1, *[1] * (total.ndim - 1)) for total in sums)
+        yield samples, *means
 
 
 def _within_reach(ensemble: Ensemble, lags: int, half: int) -> tuple[Array, Array, int]:

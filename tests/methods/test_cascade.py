@@ -14,7 +14,7 @@ import tvsysid as tv
 from tvsysid.methods.cascade import columns as fitted
 from tvsysid.methods.cascade.columns import Data, deviations, intrinsic_filters, muscle
 from tvsysid.methods.cascade.fit import Fit, posterior_of
-from tvsysid.methods.cascade.pathways import Stretch
+from tvsysid.methods.pathways import Stretch
 from tvsysid.numerics.gaussian import Moments
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.numerics.second_order import response_readout

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import tvsysid as tv
-from tvsysid.methods.cascade.pathways import Stretch, TwoPathwayModel, history
+from tvsysid.methods.pathways import Stretch, TwoPathwayModel, history
 from tvsysid.models import Diagnostics
 
 RATE, SAMPLES = 100.0, 40

@@ -10,7 +10,7 @@ import numpy as np
 from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.base import fitting_lags, missing_edge, padded, whole_samples
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch, TwoPathwayModel, velocity_of
+from tvsysid.methods.pathways import DIRECTIONS, Stretch, TwoPathwayModel, velocity_of
 from tvsysid.methods.shared.estimates import impedance_estimates, standard_errors
 from tvsysid.models import Diagnostics, Estimate, StandardError
 from tvsysid.numerics.bases import chebyshev_of

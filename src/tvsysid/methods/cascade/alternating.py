@@ -10,8 +10,8 @@ import numpy as np
 from tvsysid.methods.base import whole_samples
 from tvsysid.methods.birf import BasisIRF
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import Stretch, TwoPathwayModel, driven, history
 from tvsysid.methods.cascade.reflex_test import reflex_test_of
+from tvsysid.methods.pathways import Stretch, TwoPathwayModel, driven, history
 from tvsysid.methods.responses import ImpulseResponseModel
 from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.shared.windows import window_means

@@ -19,9 +19,9 @@ from tvsysid.methods.cascade.fit import (
     posterior_of,
 )
 from tvsysid.methods.cascade.method import TwoPathwayMethod
-from tvsysid.methods.cascade.pathways import TwoPathwayModel
 from tvsysid.methods.cascade.reflex_test import HARMONICS
 from tvsysid.methods.cascade.search import Hyperparameters, Selection, fit_again, select
+from tvsysid.methods.pathways import TwoPathwayModel
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.bands import arc_length
 from tvsysid.numerics.stretch import FAST

@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.ndimage import convolve1d
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.pathways import Stretch, driven, history
+from tvsysid.methods.pathways import Stretch, driven, history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import FourierSeries

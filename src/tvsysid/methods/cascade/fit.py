@@ -11,7 +11,7 @@ import scipy
 from scipy.linalg import block_diag
 
 from tvsysid.methods.cascade.columns import Data
-from tvsysid.methods.cascade.pathways import Stretch
+from tvsysid.methods.pathways import Stretch
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import autocorrelation
@@ -84,7 +84,9 @@ class Fit:
             found = posterior_of(self.moments, self.spread_of(parameters))
             off = decays_off(parameters)
             gradient = 2 * found.variance_gradient @ design - off / DECAY_SPREAD
-            return 0.5 * float(off @ off) - found.log_evidence, -gradient
+            # Relative to the torque's square, so that rounding is the same in all units
+            misfit = found.number * math.log(found.penalized_residual / self.moments.square)
+            return 0.5 * float(off @ off + misfit + found.log_determinant), -gradient
 
         options = {"maxiter": MAX_ITERATIONS, "ftol": 1e-14, "gtol": 1e-7}
         found = scipy.optimize.minimize(

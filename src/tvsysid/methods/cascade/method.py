@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tvsysid.methods.base import Input, Method
-from tvsysid.methods.cascade.pathways import PATHWAYS
+from tvsysid.methods.pathways import PATHWAYS
 
 
 class TwoPathwayMethod(Method):

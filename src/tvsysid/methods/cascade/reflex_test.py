@@ -14,7 +14,7 @@ from scipy.special import stdtr, stdtrit
 from tvsysid.errors import InputError
 from tvsysid.methods.cascade.columns import Data
 from tvsysid.methods.cascade.fit import MEAN
-from tvsysid.methods.cascade.pathways import DIRECTIONS, Stretch
+from tvsysid.methods.pathways import DIRECTIONS, Stretch
 from tvsysid.numerics.gaussian import Moments, least_squares
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Array, Ensemble

@@ -16,13 +16,13 @@ from tvsysid.methods.cascade.fit import (
     USUAL_PARAMETERS,
     Fit,
 )
-from tvsysid.methods.cascade.pathways import Stretch
 from tvsysid.methods.cascade.reflex_test import (
     HARMONICS,
     MIN_TESTED_REALIZATIONS,
     prediction_p_value,
     reflex_test_of,
 )
+from tvsysid.methods.pathways import Stretch
 from tvsysid.numerics import Array
 from tvsysid.numerics.noise import autocorrelation
 from tvsysid.signals import Ensemble

@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import convolution_matrix
 
 from tvsysid.methods import base
-from tvsysid.methods.cascade.pathways import Stretch, history
+from tvsysid.methods.pathways import Stretch, history
 from tvsysid.methods.scheduled.model import (
     DIRECTIONS,
     Curves,

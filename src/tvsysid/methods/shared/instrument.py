@@ -16,7 +16,7 @@ import numpy as np
 
 from tvsysid.errors import InputError
 from tvsysid.methods.base import Input, Method
-from tvsysid.methods.cascade.pathways import history
+from tvsysid.methods.pathways import history
 from tvsysid.models import Model
 from tvsysid.numerics.instrument import MIN_PREDICTED, lag_samples, predicted, realization_groups
 from tvsysid.signals import Array, Ensemble

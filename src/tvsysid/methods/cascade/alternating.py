@@ -320,9 +320,8 @@ class EnsembleCascade(AlternatingCascade):
     def weights(self, pathway: Ensemble) -> Array:
         """Return the weights (time, lag) of a pathway from means over the window."""
         half = whole_samples(self.window / 2, pathway)
-        means = window_means(pathway, pathway.context, half)
-        solutions = (
-            truncated(gram, cross, square, samples * len(pathway))
-            for samples, gram, cross, square, _ in means
-        )
-        return np.concatenate([each.weights for each in solutions])
+        weights = [
+            truncated(gram, cross, square, samples * len(pathway)).weights
+            for samples, gram, cross, square, _ in window_means(pathway, pathway.context, half)
+        ]
+        return np.concatenate(weights)

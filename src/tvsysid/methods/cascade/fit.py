@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property, partial
+from functools import cached_property
 
 import attrs
 import numpy as np
@@ -78,10 +78,10 @@ class Fit:
     @parameters.default
     def tuned(self, start: Array = USUAL_PARAMETERS) -> Array:
         """Return the hyperparameters of greatest evidence near a start."""
-        _, design = self.prior
+        offset, design = self.prior
 
         def cost(parameters: Array) -> tuple[float, Array]:
-            found = posterior_of(self.moments, self.spread_of(parameters))
+            found = posterior_of(self.moments, np.exp(offset + design @ parameters))
             off = decays_off(parameters)
             gradient = 2 * found.variance_gradient @ design - off / DECAY_SPREAD
             # Relative to the torque's square, so that rounding is the same in all units
@@ -128,20 +128,20 @@ class Fit:
         power = np.diag(self.moments.gram)[np.repeat(starts, sizes)] / self.moments.number
         return -0.5 * np.log(np.where(power > 0, power, 1.0)), design
 
-    def spread_of(self, parameters: Array) -> Array:
-        """Return the prior standard deviations of the coefficients relative to the noise."""
-        offset, design = self.prior
-        return np.asarray(np.exp(offset + design @ parameters))
-
     @cached_property
     def spread(self) -> Array:
         """Return the prior standard deviations with the hyperparameters of the fit."""
-        return self.spread_of(self.parameters)
+        offset, design = self.prior
+        return np.asarray(np.exp(offset + design @ self.parameters))
+
+    def solved(self, moments: Moments) -> Posterior:
+        """Return the posterior of the coefficients from moments of all or some realizations."""
+        return posterior_of(moments, self.spread, self.positive)
 
     @cached_property
     def posterior(self) -> Posterior:
         """Return the posterior of the coefficients."""
-        return posterior_of(self.moments, self.spread, self.positive)
+        return self.solved(self.moments)
 
     @cached_property
     def objective(self) -> float:
@@ -160,8 +160,7 @@ class Fit:
 
         NaN if there is a single fold.
         """
-        fit = partial(posterior_of, spread=self.spread, positive=self.positive)
-        return self.data.held_out(self.products, self.reflex_columns, fit)
+        return self.data.held_out(self.products, self.reflex_columns, self.solved)
 
     def share(self) -> float:
         """Return the share of the held-out torque's square that the fit predicts."""

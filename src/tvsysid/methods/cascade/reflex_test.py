@@ -149,10 +149,9 @@ def _above_zero(scores: Array) -> tuple[float, float]:
 
     They are 1 and 0 if the scores are too few or do not differ.
     """
-    count = len(scores)
-    error = float(scores.std(ddof=1)) / math.sqrt(count) if count >= MIN_TESTED_REALIZATIONS else 0
-    if error == 0:
+    count, mean = len(scores), float(scores.mean())
+    if count < MIN_TESTED_REALIZATIONS or np.ptp(scores) == 0:
         return 1.0, 0.0
-    mean = float(scores.mean())
+    error = float(scores.std(ddof=1)) / math.sqrt(count)
     least = mean - error * float(stdtrit(count - 1, CONFIDENCE))
     return float(stdtr(count - 1, -mean / error)), least

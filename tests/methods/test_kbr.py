@@ -5,7 +5,7 @@ from tests.conftest import ensemble_of
 from tests.numerics.test_gaussian import moments_of
 
 import tvsysid as tv
-from tvsysid.methods.kbr.fit import fitted_weights
+from tvsysid.methods.kbr.kbr import fitted_weights
 
 # The paper's settings for its experiment (section 4.2).
 EXPERIMENT = tv.KernelRegression(length_periodic=np.exp(-1), length_decay=30.0, gamma=13.8)

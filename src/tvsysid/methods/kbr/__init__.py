@@ -4,7 +4,6 @@ Read it in this order:
 
 - ``kernel.py``: the prior, which says how smoothly stiffness may change. Another kernel goes here.
 - ``record.py``: the data, as spectra and their sums of products.
-- ``fit.py``: the weights of the kernel's columns and the noise variance, for a given prior.
-- ``kbr.py``: the method, which brings these together, and its model.
+- ``kbr.py``: the method, which fits weights and noise variance for a given prior, and its model.
 - ``search.py``: how ``tuned`` chooses these settings by maximum marginal likelihood.
 """

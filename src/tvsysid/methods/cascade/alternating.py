@@ -26,6 +26,7 @@ from tvsysid.validators import not_negative, optional, positive, text
 
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 MIN_REALIZATIONS = 3  # with their past: of fewer there is nothing to average over
+MAX_MEMORY_SAMPLES = 250  # with twice as many, tvpc and bpc take an hour
 MAX_TURNS = 30  # of either pathway
 
 
@@ -65,16 +66,18 @@ class AlternatingCascade(TwoPathwayMethod):
         return np.asarray(functions @ ridge(moments).mean.reshape(-1, functions.shape[1]).T)
 
     def skip(self, ensemble: Ensemble) -> str | None:
-        """Return a reason to skip if too few realizations have a past and context after them."""
-        past = history(ensemble, ensemble.angle, whole_samples(self.memory, ensemble))
+        """Return a reason to skip if too little is recorded around realizations, or too densely."""
+        before, after = (whole_samples(each, ensemble) for each in (self.memory, self.max_lag))
+        past = history(ensemble, ensemble.angle, before)
         count = int(np.isfinite(past).all(axis=1).sum())
-        has_context = ensemble.context >= whole_samples(self.max_lag, ensemble)
-        if count >= MIN_REALIZATIONS and has_context:
+        enough = count >= MIN_REALIZATIONS and ensemble.context >= after
+        if enough and before <= MAX_MEMORY_SAMPLES:
             return None
         return (
             f"{count} of {len(ensemble)} realizations have {self.memory:g} s recorded before "
-            f"them, and {MIN_REALIZATIONS} are needed, with {self.max_lag:g} s after them; cut "
-            "with more context (--context), or shorten memory"
+            f"them, and {MIN_REALIZATIONS} are needed, with {self.max_lag:g} s after them; the "
+            f"memory has {before} samples, at most {MAX_MEMORY_SAMPLES} are taken; cut with more "
+            "context (--context), shorten memory, or decimate to some 100 Hz"
         )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:

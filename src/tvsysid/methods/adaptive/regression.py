@@ -20,7 +20,7 @@ from tvsysid.methods.adaptive.evidence import FreeEstimate
 from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_FILTER_REACH, Axis
 from tvsysid.methods.adaptive.whitening import MISFIT_TIME, whitening_filters
 from tvsysid.methods.base import missing_edge
-from tvsysid.methods.cascade.cascade import JointCascade, JointCascadeModel, model_of
+from tvsysid.methods.cascade.cascade import JointCascadeModel, joint_model
 from tvsysid.methods.cascade.search import Selection
 from tvsysid.methods.shared import independent_realizations
 from tvsysid.numerics import Array
@@ -103,7 +103,7 @@ class Regressors:
             edges=(data.times.start, ensemble.samples - data.times.stop),
             independent=len(data.torque) - 1,
             prior_precision=np.concatenate([[0.0, 0.0], fit.precision[first:]]),
-            reflex=model_of(repr(JointCascade(emg=fit.drive.emg)), selection),
+            reflex=joint_model(selection),
             change_covariance=change @ fit.covariance[:count, :count] @ change.T,
         )
 

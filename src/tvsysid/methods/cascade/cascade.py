@@ -140,7 +140,7 @@ class JointCascade(TwoPathwayMethod):
 
     def fit(self, ensemble: Ensemble) -> JointCascadeModel:
         """Return the model of an ensemble."""
-        return model_of(repr(self), self.select(ensemble))
+        return joint_model(self.select(ensemble))
 
     def select(self, ensemble: Ensemble) -> Selection:
         """Return the fits of an ensemble from which its model is made."""
@@ -149,7 +149,7 @@ class JointCascade(TwoPathwayMethod):
     def refit(self, ensemble: Ensemble, model: Model) -> Model:
         """Fit only the coefficients to a part of the realizations, if the model shows a reflex."""
         if isinstance(model, JointCascadeModel) and model.diagnostics.details["reflex_detected"]:
-            return model_of(repr(self), fit_again(ensemble, model.hyperparameters))
+            return joint_model(fit_again(ensemble, model.hyperparameters))
         return self.identify(ensemble)
 
     def _own_warnings(self, ensemble: Ensemble, model: Model) -> Iterator[str]:
@@ -192,7 +192,7 @@ class JointCascadeModel(TwoPathwayModel):
         return found | {"intrinsic": found["intrinsic"] + further}
 
 
-def model_of(method: str, selection: Selection) -> JointCascadeModel:
+def joint_model(selection: Selection) -> JointCascadeModel:
     """Return the model with the selected reflex if it is shown, else without one.
 
     The gain is stated in both.
@@ -231,7 +231,6 @@ def model_of(method: str, selection: Selection) -> JointCascadeModel:
     details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ data.readout[0]).mean())
     return JointCascadeModel(
-        method=method,
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,

@@ -115,9 +115,7 @@ class BasisIRF(shared.ReferenceMethod):
 
     def _fit(self, ensemble: Ensemble, instrument: Ensemble) -> Model:
         rate = ensemble.sampling_rate
-        signals = self._signals(instrument)
-        columns = self._columns(signals, self.basis, ensemble)
-        posterior = self._posterior(signals, columns, ensemble)
+        signals, columns, posterior = self.regression(instrument)
         if self.reference is not None:
             missing = base.missing_edge(HALF_WIDTH, ensemble)
             at = slice(missing, ensemble.samples - missing)
@@ -165,6 +163,12 @@ class BasisIRF(shared.ReferenceMethod):
             labels=(*names, "inertia"),
             diagnostics=diagnostics,
         )
+
+    def regression(self, ensemble: Ensemble) -> tuple[Signals, Columns, FittedWeights]:
+        """Return the moments of the signals, the columns of the basis, and the posterior."""
+        signals = self._signals(ensemble)
+        columns = self._columns(signals, self.basis, ensemble)
+        return signals, columns, self._posterior(signals, columns, ensemble)
 
     def _signals(self, ensemble: Ensemble) -> Signals:
         """Return the moments of angle, velocity and acceleration, or of lagged angles."""

@@ -276,8 +276,8 @@ def ridge(moments: Moments) -> FittedWeights:
         if abs(evidence - before) <= 1e-14 * abs(evidence):
             break
         alpha, beta = gamma / norm, max(number - gamma, 1.0) / residual
-    covariance = (vectors / precision) @ vectors.T
-    return FittedWeights(vectors @ mean, covariance, 1 / beta, gamma, evidence)
+    root = vectors / np.sqrt(precision)
+    return FittedWeights(vectors @ mean, root @ root.T, 1 / beta, gamma, evidence)
 
 
 def relevance(moments: Moments) -> FittedWeights:

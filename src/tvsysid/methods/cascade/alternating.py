@@ -17,9 +17,8 @@ from tvsysid.methods.sds import ShortDataSegments
 from tvsysid.methods.shared.windows import window_means
 from tvsysid.models import Estimate, StandardError
 from tvsysid.numerics.bands import mean_known
-from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, FourierSeries, evaluate
-from tvsysid.numerics.gaussian import Moments, ridge
-from tvsysid.numerics.moments import convolve_lags, expanded, lagged_moments
+from tvsysid.numerics.bases import A_BASIS, Basis, CubicBSplines, FourierSeries
+from tvsysid.numerics.moments import convolve_lags
 from tvsysid.numerics.pseudoinverse import truncated
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import not_negative, optional, positive, text
@@ -59,11 +58,9 @@ class AlternatingCascade(TwoPathwayMethod):
 
     def weights(self, pathway: Ensemble) -> Array:
         """Return the weights (time, lag) of a pathway whose input is the angle."""
-        gram, cross, square, _ = lagged_moments(pathway.angle, pathway.torque, pathway.context)
-        functions = evaluate(self.basis, len(cross))
-        products = expanded(gram, functions), (cross.T @ functions).ravel()
-        moments = Moments(*products, float(square.sum()), len(cross)).times(len(pathway))
-        return np.asarray(functions @ ridge(moments).mean.reshape(-1, functions.shape[1]).T)
+        method = BasisIRF(pathway.context / pathway.sampling_rate, self.basis, "irf", "ridge")
+        _, columns, posterior = method.regression(pathway)
+        return columns.weights(posterior.mean)
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip if too little is recorded around realizations, or too densely."""

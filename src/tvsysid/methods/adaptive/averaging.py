@@ -207,12 +207,9 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     if known:
         estimate = attrs.evolve(estimate, axis=known[0].axis)
         smooths = distinct_fits(estimate, [each.prior for each in known])
-        fit_of = {each.prior.variances.tobytes(): each for each in smooths}
         # Switches are refined beside the smooth part of the most probable hypothesis with them.
         starts = {each.positions.tobytes(): each for each in reversed(known)}.values()
-        rough = [
-            CurveModel(fit_of[each.prior.variances.tobytes()], each.positions) for each in starts
-        ]
+        rough = [CurveModel(SmoothFit(estimate, each.prior), each.positions) for each in starts]
         return ModelAverage.of(weigh(smooths, refined_sets(rough)))
     smooths = distinct_fits(estimate, smooth_priors(estimate.axis))
     grid = Grid(estimate)
@@ -221,13 +218,13 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     if first[0].is_constant() and all(each.score < first[0].score - 1 for each in first[1:]):
         return ModelAverage.of(weigh(smooths, first[:1]))
     sets = refined_sets(search_switches(first, grid))
-    models = sorted(weigh(smooths, sets), key=BY_EVIDENCE)
+    models = weigh(smooths, sets)
     # The last of each kind, with and without switches, is the best.
-    best_of = {len(each.positions) > 0: each for each in models}
+    best_of = {len(each.positions) > 0: each for each in sorted(models, key=BY_EVIDENCE)}
     for best in best_of.values():
         sums = few_harmonics(estimate, best.positions)
-        smooths += [SmoothFit(estimate, prior) for prior in sums]
-    found = ModelAverage.of(weigh(smooths, sets))
+        models += weigh([SmoothFit(estimate, prior) for prior in sums], sets)
+    found = ModelAverage.of(models)
     is_switching = found.probability(lambda each: len(each.positions) > 0) >= 0.5
     return with_other_smear(found, estimate) if is_switching else found
 
@@ -265,11 +262,11 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
     usual, best = estimate.axis, found.models[0]
     jittered = (usual._replace(jitter=jitter) for jitter in JITTERS)
     smears = [usual._replace(filter_reach=0.0), *jittered]
-    smeared = [attrs.evolve(estimate, axis=axis) for axis in (*smears, usual)]
+    smeared = [attrs.evolve(estimate, axis=axis) for axis in smears]
     fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
-    *totals, usual_total = (best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits)
+    totals = [best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits]
     log_prior = -math.log(len(smears))
-    if max(totals) + log_prior < usual_total - MAX_SMEAR_LOSS:
+    if max(totals) + log_prior < best.refined(SMEAR_SPACING).total - MAX_SMEAR_LOSS:
         return found
     other = smeared[totals.index(max(totals))]
     smooths = distinct_fits(other, [each.prior for each in found.hypotheses])

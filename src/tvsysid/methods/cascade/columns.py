@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import attrs
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.ndimage import convolve1d
@@ -17,7 +18,7 @@ from tvsysid.methods.pathways import Stretch, driven, history
 from tvsysid.numerics import Array
 from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import FourierSeries
-from tvsysid.numerics.decimation import keep_every
+from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import derivative_weights
 from tvsysid.numerics.gaussian import FittedWeights, Moments, Posterior, least_squares
 from tvsysid.numerics.moments import convolve_lags
@@ -90,7 +91,14 @@ def unresolved(ensemble: Ensemble) -> Array:
         return np.zeros((2, *ensemble.angle.shape))
     filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
     filters = filters * (rate * ratio) ** np.array([[1], [2]])
-    fast = keep_every(filtered(recorded.reshape(len(recorded), -1), filters), ratio)
+    # Derivative and low-pass are one filter, which is computed only at the samples that are kept.
+    filters = np.stack([np.convolve(each, decimation_weights(ratio)) for each in filters])
+    half = filters.shape[1] // 2
+    line = np.pad(
+        recorded.reshape(len(recorded), -1), ((0, 0), (half, half)), constant_values=np.nan
+    )
+    windows = sliding_window_view(line, filters.shape[1], axis=1)[:, ::ratio]
+    fast = np.einsum("rtk,fk->frt", windows, filters[:, ::-1])
     return np.nan_to_num(fast - filtered(ensemble.angle, intrinsic_filters(rate)[1][1:3]))
 
 
@@ -279,11 +287,14 @@ class Data:
         torque = convolve_lags(arriving.reshape(-1, len(steps)), response)
         return torque.reshape(-1, *self.torque.shape)
 
-    def residual(self, coefficients: Array, further: Array) -> Array:
-        """Return the torque (realization, time) that coefficients leave."""
+    def residual(self, coefficients: Array, further: Array, rows: slice = slice(None)) -> Array:
+        """Return the torque (realization, time) that coefficients leave of some realizations."""
         own, others = np.split(coefficients, [self.intrinsic_count])
-        intrinsic = np.einsum("ts,srt->rt", self.over_time(own)[self.times], self.signals)
-        return deviations(self.torque - intrinsic - np.tensordot(others, further, 1))
+        over_time = self.over_time(own)[self.times]
+        intrinsic = np.einsum("ts,srt->rt", over_time, self.signals[:, rows])
+        left = self.torque[rows] - intrinsic - np.tensordot(others, further[:, rows], 1)
+        # The mean over several realizations is zero
+        return left if len(self.torque) > 1 else deviations(left)
 
     def held_out(
         self,
@@ -299,7 +310,7 @@ class Data:
         if len(self.folds) > 1:
             for rows, own in zip(self.folds, products, strict=True):
                 mean = fit(Moments.of(total - own, self.number)).mean
-                left[rows] = self.residual(mean, further)[rows]
+                left[rows] = self.residual(mean, further, rows)
         return left
 
     def features(self, weights: Array) -> Array:

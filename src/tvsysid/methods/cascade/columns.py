@@ -99,7 +99,8 @@ def unresolved(ensemble: Ensemble) -> Array:
     )
     windows = sliding_window_view(line, filters.shape[1], axis=1)[:, ::ratio]
     fast = np.einsum("rtk,fk->frt", windows, filters[:, ::-1])
-    return np.nan_to_num(fast - filtered(ensemble.angle, intrinsic_filters(rate)[1][1:3]))
+    slow = filtered(ensemble.angle, intrinsic_filters(rate)[1][1:3])
+    return np.asarray(np.nan_to_num(fast - slow))
 
 
 def muscle(shape: Array, samples: int, rate: float) -> Array:

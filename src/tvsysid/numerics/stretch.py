@@ -50,4 +50,4 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
     threshold, direction
         c in rad/s, and s, 1 or -1. 0 is no stretch.
     """
-    return keep_every(direction * np.maximum(direction * velocity - threshold, 0.0), ratio)
+    return direction * keep_every(np.maximum(direction * velocity - threshold, 0.0), ratio)

@@ -73,23 +73,21 @@ class CurveModel(NamedTuple):
 
         Positions that are tried have a ``spacing`` and a distance of up to ``reach`` samples.
         """
-        smooth = self.smooth
-        own = self.smooth.steps(self.positions)
+        smooth, count = self.smooth, len(self.positions)
+        own = smooth.steps(self.positions)
         size_prior = int(smooth.scores_of(own).argmax())
-        for _ in range(MAX_SWEEPS if len(self.positions) > 1 else 1):
-            before = own.positions
-            possible_positions = list[tuple[Array, Array]]()
-            for position in before:  # take the first switch, move it, and append it
-                others = own.take(slice(1, None))
-                window = smooth.beside(
-                    smooth.estimate.steps_around(round(position), spacing, reach)
-                )
-                scores = smooth.scores_with(others, window)[size_prior]
-                best = int(np.argmax(scores))
-                own = others.joined(window.take(slice(best, best + 1)))
-                possible_positions.append((window.positions, softmax(scores)))
-            if np.array_equal(own.positions, before):
-                break
+        windows = list[tuple[Array, Array]]()
+        unmoved = 0  # last switches that stayed where they were
+        while unmoved < count and len(windows) < (MAX_SWEEPS * count if count > 1 else 1):
+            position = own.positions[0]  # take the first switch, move it, and append it
+            others = own.take(slice(1, None))
+            window = smooth.beside(smooth.estimate.steps_around(round(position), spacing, reach))
+            scores = smooth.scores_with(others, window)[size_prior]
+            best = int(np.argmax(scores))
+            own = others.joined(window.take(slice(best, best + 1)))
+            windows.append((window.positions, softmax(scores)))
+            unmoved = unmoved + 1 if window.positions[best] == position else 0
+        possible_positions = windows[len(windows) - count :]
         order = np.argsort(own.positions)
         # A probability is evidence over the sum of evidence. So 1 / probability is the sum relative
         # to the best, and each term of the sum stands for one spacing.

@@ -66,7 +66,9 @@ def deviations(values: Array) -> Array:
     A single realization loses its mean over time. NaN becomes 0.
     """
     axis = -1 if values.shape[-2] == 1 else -2
-    return np.nan_to_num(values - np.expand_dims(mean_known(values, axis), axis))
+    left = values - np.expand_dims(mean_known(values, axis), axis)
+    left[np.isnan(left)] = 0.0
+    return left
 
 
 def filtered(values: Array, filters: Array) -> Array:
@@ -232,7 +234,9 @@ class Data:
         return windows
 
     def weighted(self, values: Array) -> Array:
-        """Return values (…, time) times the weights."""
+        """Return values (…, time) times the weights, which are 1 where the noise is white."""
+        if len(self.noise) == 1 and self.true_noise is None:
+            return values
         return np.concatenate([values[..., at] @ weights for at, weights in self.windows], axis=-1)
 
     @cached_property

@@ -94,13 +94,13 @@ def unresolved(ensemble: Ensemble) -> Array:
     filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
     filters = filters * (rate * ratio) ** np.array([[1], [2]])
     # Derivative and low-pass are one filter, which is computed only at the samples that are kept.
-    filters = np.stack([np.convolve(each, decimation_weights(ratio)) for each in filters])
+    filters = np.stack([np.convolve(each[::-1], decimation_weights(ratio)) for each in filters])
     half = filters.shape[1] // 2
     line = np.pad(
         recorded.reshape(len(recorded), -1), ((0, 0), (half, half)), constant_values=np.nan
     )
     windows = sliding_window_view(line, filters.shape[1], axis=1)[:, ::ratio]
-    fast = np.einsum("rtk,fk->frt", windows, filters[:, ::-1])
+    fast = np.einsum("rtk,fk->frt", windows, filters)
     slow = filtered(ensemble.angle, intrinsic_filters(rate)[1][1:3])
     return np.asarray(np.nan_to_num(fast - slow))
 
@@ -295,8 +295,8 @@ class Data:
     def residual(self, coefficients: Array, further: Array, rows: slice = slice(None)) -> Array:
         """Return the torque (realization, time) that coefficients leave of some realizations."""
         own, others = np.split(coefficients, [self.intrinsic_count])
-        over_time = self.over_time(own)[self.times]
-        intrinsic = np.einsum("ts,srt->rt", over_time, self.signals[:, rows])
+        over_time = self.over_time(own)[self.times].T.copy()  # einsum is slower across time
+        intrinsic = np.einsum("st,srt->rt", over_time, self.signals[:, rows])
         left = self.torque[rows] - intrinsic - np.tensordot(others, further[:, rows], 1)
         # The mean over several realizations is zero
         return left if len(self.torque) > 1 else deviations(left)

@@ -53,7 +53,7 @@ def every_column(fit):
     """All columns, and the derivatives by the shape, (column, realization, time)."""
     signals = np.repeat(fit.data.signals, fit.data.sizes, axis=0)
     intrinsic = signals * fit.data.functions.T[:, None]
-    return np.concatenate([intrinsic, fit.reflex_columns, fit.slopes()])
+    return np.concatenate([intrinsic, fit.late_columns])
 
 
 def dot(columns, others):
@@ -123,7 +123,7 @@ def test_moments_and_covariance_are_those_of_the_samples(
         noise[inside, inside] = matrix_of(correlation, size)
     every = np.concatenate([columns, fit.data.torque[None]])
     products = dot(every @ weights, every)
-    gram, cross, square, _ = fit.data.moments(fit.every_column)
+    gram, cross, square, _ = fit.data.moments(fit.late_columns)
     assert_alike(np.block([[gram, cross[:, None]], [cross, square]]), products, 1e-8)
 
     variance, spread = fit.posterior.noise_variance, np.array([0.6, 0.5, 0.3])[:free]

@@ -195,7 +195,7 @@ def reflex(data: FittedEnsemble) -> Measured:
         f"both directions (p = {test.over_linear:.1g})"
     )
     if test.shown:
-        fit = JointCascade(HARMONICS).select(data.ensemble).fit
+        fit = JointCascade(HARMONICS).select(data.ensemble).reflex
         what += (
             f"; the mean stiffness is {one_path_stiffness(data.ensemble):.3g} N·m/rad with the "
             f"reflex's torque in it, {fit.posterior.mean[0]:.3g} without"

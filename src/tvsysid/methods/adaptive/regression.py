@@ -90,14 +90,13 @@ class Regressors:
         (an intrinsic response beyond inertia), responses of the reflex, and derivatives of the
         reflex's torque by the parameters of its shape.
         """
-        fit = selection.fit
-        data = selection.fit.data
+        fit, data = selection.reflex, selection.reflex.data
         first, count = sum(data.sizes[:3]), data.intrinsic_count  # first: after the inertia
         of_viscosity = np.arange(len(data.sizes)) == 1
         change = data.features(of_viscosity)[data.times]
         change = change - change.mean(axis=0)  # the mean is a constant that is estimated again
         torque = data.torque - change @ fit.posterior.mean[:count] * data.signals[1]
-        parts = data.signals, fit.reflex_columns, fit.slopes(), torque[None]
+        parts = data.signals, fit.late_columns, torque[None]
         return cls(
             columns=np.concatenate(parts),
             edges=(data.times.start, ensemble.samples - data.times.stop),

@@ -113,7 +113,8 @@ class AlternatingCascade(TwoPathwayMethod):
         """Return the model of the intrinsic pathway, and the reflex's response (time, lag).
 
         The signals have shape (realization, time). The ``angle`` has as much context to either
-        side, and the drive of the reflex as much ``past``, as their lags reach.
+        side, and the drive of the reflex as much ``past``, as their lags reach. Each is identified
+        as the angle of an ensemble whose context is half its lags.
         """
 
         def pathway(signal: Array, left: Array) -> Ensemble:
@@ -145,8 +146,7 @@ class ParallelCascade(AlternatingCascade):
 
     The intrinsic response is fitted to the torque less the reflex's, then the reflex's to the
     torque less the intrinsic one, and so on until the torque explained grows by less than 0.02
-    percentage points. What separates the two is that the intrinsic lags end where the reflex's
-    delay does.
+    percentage points. What separates the two is that the reflex is rectified, and fitted second.
 
     Parameters
     ----------

@@ -8,16 +8,18 @@ import attrs
 import numpy as np
 
 from tvsysid.dataset_layout import UNITS
-from tvsysid.methods.cascade.columns import NEEDED_HISTORY_S, intrinsic_filters, muscle, unresolved
-from tvsysid.methods.cascade.fit import (
+from tvsysid.methods.cascade.columns import (
     DELAY,
     HIGHEST,
     IS_LOG,
+    NEEDED_HISTORY_S,
     SHAPE_NAMES,
     THRESHOLD,
-    Fit,
-    posterior_of,
+    intrinsic_filters,
+    muscle,
+    unresolved,
 )
+from tvsysid.methods.cascade.fit import Fit, posterior_of
 from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.reflex_test import HARMONICS
 from tvsysid.methods.cascade.search import Hyperparameters, Selection, fit_again, select
@@ -54,10 +56,11 @@ class JointCascade(TwoPathwayMethod):
     harmonics
         Number of harmonics of stiffness and viscosity over a realization; the reflex gain has 0.4
         times as many. All three change if the changes predict held-out realizations better
-        (p < 0.05). 0 takes them as constant.
+        (p < 0.05; of fewer than eight realizations, if the log evidence is larger by 1). 0 takes
+        them as constant.
     delay
-        d in s. None is 40 ms, or 10 ms from EMG to torque. Below the lags of the intrinsic
-        response, the reflex would explain the torque of inertia.
+        d in s. None is 40 ms, or 10 ms from EMG to torque. From stretch, give no less than 40 ms:
+        within the lags of the intrinsic response, the reflex would explain the torque of inertia.
     emg
         Channel that drives the muscle instead of the velocity, such as the envelope of the EMG.
         There is no threshold then.
@@ -85,17 +88,17 @@ class JointCascade(TwoPathwayMethod):
     A test on held-out realizations (:func:`tvsysid.methods.cascade.reflex_test.reflex_test_of`)
     decides whether there is a reflex, and in which direction of stretch s. With fewer than eight
     realizations, none is shown. Where no reflex is detected, the model has none, and the band of
-    ``reflex_gain`` says how large a gain the data allow. EMG always drives a reflex.
+    ``reflex_gain`` says how large a gain the data allow, of a usual muscle without a threshold.
+    EMG always drives a reflex.
 
     Viscosity, the reflex gain of stretch and their bands are never negative. Stiffness keeps one
     sign. Sizes and decays are found without these limits. A warning says so if the limits cost 1 %
     of the torque, or hold stiffness at 0.
 
-    The threshold is 0 unless a threshold predicts held-out realizations better (p < 0.05). The
-    bands count that it is not known.
+    The threshold is 0 unless a threshold predicts held-out realizations better (p < 0.05).
 
-    The bands count the noise's colour, the priors' pull and the uncertain shape. At jumps, which a
-    Fourier series rounds off, the truth lies outside.
+    The bands count the noise's colour, the priors' pull, and that muscle and threshold are not
+    known. At jumps, which a Fourier series rounds off, the truth lies outside.
 
     The diagnostics' ``details`` hold the shape with standard errors; ``direction``;
     ``reflex_detected`` and ``constant``, 1 or 0; the explained share of the torque in per cent
@@ -122,7 +125,7 @@ class JointCascade(TwoPathwayMethod):
     key = "cascade"
     title = "Joint fit of intrinsic and reflex pathways"
     assumptions = (
-        "The intrinsic response lasts 40 ms to either side, the reflex comes later.",
+        "The intrinsic response lasts 40 ms to either side, the reflex to stretch comes later.",
         "The reflex answers the velocity of stretch beyond a threshold, through a muscle of second "
         "order.",
         "The movement is the same in all realizations, and periodic.",
@@ -206,11 +209,11 @@ def joint_model(selection: Selection) -> JointCascadeModel:
     known[data.times] = 1.0
     over_time = data.over_time(used.posterior.mean[: data.intrinsic_count])
 
-    def estimate(fit: Fit, quantity: int, unit: str, limited: bool) -> Estimate:
-        """Return a quantity where samples are fitted. Negative ``limited`` ones are rounding."""
+    def estimate(fit: Fit, quantity: int, unit: str) -> Estimate:
+        """Return a quantity where samples are fitted. Limited ones are negative by rounding."""
         features, count = fit.quantities[quantity], len(fit.posterior.mean)
         covariance = fit.covariance[:count, :count]
-        minimum = 0.0 if limited else -np.inf
+        minimum = 0.0 if fit.signs[quantity] > 0 else -np.inf
         variance = np.einsum("tj,tj->t", features @ covariance, features)
         error = StandardError(
             np.sqrt(np.maximum(variance, 0.0)) * known[:, 0],
@@ -221,12 +224,8 @@ def joint_model(selection: Selection) -> JointCascadeModel:
         values = np.maximum(features @ fit.posterior.mean, minimum)
         return Estimate(values * known[:, 0], unit, error=error)
 
-    is_positive = used.posterior.mean[0] > 0, True, False
-    estimates = {
-        name: estimate(used, index, UNITS[name], is_positive[index])
-        for index, name in enumerate(IMPEDANCE)
-    }
-    estimates["reflex_gain"] = estimate(fit, -1, drive.gain_unit, drive.emg is None)
+    estimates = {name: estimate(used, index, UNITS[name]) for index, name in enumerate(IMPEDANCE)}
+    estimates["reflex_gain"] = estimate(fit, -1, drive.gain_unit)
     response, reflex_lags = _reflex_response(selection)
     details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ data.readout[0]).mean())
@@ -256,7 +255,7 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
 
     The weights are zero if no reflex is detected.
     """
-    fit, data, ensemble = selection.fit, selection.fit.data, selection.fit.data.ensemble
+    fit, data, ensemble = selection.reflex, selection.reflex.data, selection.reflex.data.ensemble
     rate, delay = ensemble.sampling_rate, fit.shape[DELAY]
     last = max(round(NEEDED_HISTORY_S * rate), ensemble.context)
     lags = np.arange(last + 1) / rate
@@ -271,14 +270,12 @@ def _details(selection: Selection) -> dict[str, float]:
     values = np.where(IS_LOG, np.exp(fit.shape), fit.shape)
     errors = np.sqrt(np.diag(fit.covariance)[len(fit.posterior.mean) :])
     errors *= np.where(IS_LOG, values, 1.0)[: fit.free]
-    details = {
+    names = *SHAPE_NAMES, *(f"{name}_error" for name in SHAPE_NAMES)
+    return dict(zip(names, [*values.tolist(), *errors.tolist()], strict=False)) | {
         "reflex_detected": float(selection.shown),
         "constant": float(used.data.harmonics == 0),
-        "vaf_held_out": 100 * used.share(),
+        "vaf_held_out": 100 * (1 - used.left_share()),
     }
-    details |= dict(zip(SHAPE_NAMES, values.tolist(), strict=True))
-    names = (f"{name}_error" for name in SHAPE_NAMES)
-    return details | dict(zip(names, errors.tolist(), strict=False))
 
 
 def _warnings(
@@ -323,10 +320,8 @@ def reflex_torque(ensemble: Ensemble) -> Array:
 
     It is that of the fit with which checks look for a reflex, and 0 where it is unknown.
     """
-    torque = np.zeros(ensemble.torque.shape)
-    model = JointCascade(HARMONICS).fit(ensemble)
-    torque[:, ensemble.core] = np.nan_to_num(model.pathways(ensemble)["reflex"])
-    return torque
+    torque = JointCascade(HARMONICS).fit(ensemble).pathways(ensemble)["reflex"]
+    return np.pad(np.nan_to_num(torque), ((0, 0), (ensemble.context, ensemble.context)))
 
 
 def limit_warnings(lost: float) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from itertools import pairwise
@@ -36,6 +37,21 @@ MAX_WINDOW = 256  # samples of a realization whose noise counts as correlated
 NEEDED_HISTORY_S = 0.45  # of the reflex's drive before a sample that is fitted
 HISTORY_S = 1.0  # of the reflex's drive that is used where it was recorded
 FOLDS = 3  # interleaved sets of realizations, each predicted from the others
+
+# A reflex's shape is log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
+SHAPE_NAMES = ("frequency", "damping", "threshold", "delay")
+THRESHOLD, DELAY = 2, 3
+IS_LOG = np.arange(4) < THRESHOLD
+# Mean and standard deviation of the prior, bounds, and step of numerical derivatives. The delay,
+# from velocity to torque, is known.
+MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
+    [
+        (math.log(16), 0.6, math.log(3), math.log(60), 1e-3),
+        (math.log(0.8), 0.5, math.log(0.2), math.log(3), 1e-3),
+        (0.0, 0.3, 0.0, 2.0, 0.02),
+        (0.04, 1.0, 0.0, math.inf, 1e-3),
+    ]
+).T
 
 
 def intrinsic_filters(rate: float) -> tuple[Array, Array]:
@@ -108,13 +124,12 @@ def unresolved(ensemble: Ensemble) -> Array:
 def muscle(shape: Array, samples: int, rate: float) -> Array:
     r"""Return the impulse response of delay and muscle at lags from 0 on. Its samples sum to 1.
 
-    The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`. A reflex's ``shape`` holds
-    log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
+    The muscle is :math:`\omega^2 / (s^2 + 2\zeta\omega s + \omega^2)`.
     """
     frequency, damping = np.exp(shape[:2])
     # Equal poles (critical damping) would divide zero by zero. They are kept apart.
     root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
-    late = np.maximum(np.arange(samples) / rate - shape[3], 0.0) * frequency
+    late = np.maximum(np.arange(samples) / rate - shape[DELAY], 0.0) * frequency
     response = np.exp(-damping * late) * (np.sinh(root * late) / root).real
     return np.asarray(response / response.sum())
 
@@ -197,8 +212,7 @@ class Data:
     @cached_property
     def functions(self) -> Array:
         """Return the basis functions (time, column) of all intrinsic coefficients."""
-        constants = np.ones((len(self.basis), len(self.signals) - CHANGING))
-        return np.hstack([*[self.basis] * CHANGING, constants])
+        return np.hstack([self.basis[:, :size] for size in self.sizes])
 
     @property
     def sizes(self) -> list[int]:
@@ -279,14 +293,15 @@ class Data:
     def reflex(self, drive: Stretch, shape: Array, coefficients: Array) -> Array:
         """Return reflex torques (column, realization, time) of coefficients (coefficient, column).
 
-        The threshold is that of the ``shape``. The gain is that at the time of arrival.
+        The threshold of the ``shape`` replaces that of the drive. The gain is that at the time of
+        arrival.
         """
         rate = self.ensemble.sampling_rate
         before = round(HISTORY_S * rate)
-        drive = attrs.evolve(drive, threshold=float(shape[2]))
+        drive = attrs.evolve(drive, threshold=float(shape[THRESHOLD]))
         known = driven(self.ensemble, drive, before)[self.rows]
         steps = np.arange(self.times.start - before, self.times.stop)
-        gain = self.gain((steps / rate + shape[3]) / self.ensemble.duration) @ coefficients
+        gain = self.gain((steps / rate + shape[DELAY]) / self.ensemble.duration) @ coefficients
         arriving = deviations(known[:, steps + before]) * gain.T[:, None]
         response = np.tile(muscle(shape, before + 1, rate), (self.torque.shape[1], 1))
         torque = convolve_lags(arriving.reshape(-1, len(steps)), response)

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from scipy.linalg import block_diag
 
-from tvsysid.methods.cascade.columns import Data
+from tvsysid.methods.cascade.columns import HIGHEST, LOWEST, MEAN, SPREAD, STEP, Data
 from tvsysid.methods.pathways import Stretch
 from tvsysid.numerics import Array
 from tvsysid.numerics.gaussian import Moments, Posterior, solve
@@ -29,20 +29,6 @@ USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0).clip(*BOUNDS.T)
 MAX_ITERATIONS = 100  # of the search for the hyperparameters
 
 
-# A reflex's shape is log frequency (rad/s), log damping, threshold (rad/s) and delay (s).
-SHAPE_NAMES = ("frequency", "damping", "threshold", "delay")
-THRESHOLD, DELAY = 2, 3
-IS_LOG = np.arange(4) < THRESHOLD
-# Mean and standard deviation of the prior, bounds, and step of numerical derivatives. The delay,
-# from velocity to torque, is known.
-MEAN, SPREAD, LOWEST, HIGHEST, STEP = np.array(
-    [
-        (math.log(16), 0.6, math.log(3), math.log(60), 1e-3),
-        (math.log(0.8), 0.5, math.log(0.2), math.log(3), 1e-3),
-        (0.0, 0.3, 0.0, 2.0, 0.02),
-        (0.04, 1.0, 0.0, math.inf, 1e-3),
-    ]
-).T
 MAX_STEPS, MAX_HALVINGS = 8, 6  # of Gauss-Newton, and of each of its steps
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
 MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
@@ -57,13 +43,13 @@ class Fit:
     data
         Torque and intrinsic signals.
     drive
-        Drive of the reflex, with any threshold; of direction 0 without a reflex.
+        Drive of the reflex, of direction 0 without one. The shape has its threshold.
     shape
         Shape of the reflex, with its threshold.
     free
         How many numbers of the shape are estimated: the first ones.
     parameters
-        Hyperparameters; by default those of greatest evidence.
+        Hyperparameters; by default those that ``tuned`` returns.
     positive
         Rows (row, column) whose products with the coefficients must not be negative.
     """
@@ -120,12 +106,11 @@ class Fit:
         """
         sizes = [*self.data.sizes, len(self.reflex_columns)]
         order = np.concatenate([np.arange(1, size + 1) // 2 for size in sizes])
-        starts = np.cumsum([0, *sizes[:-1]])
         family = [*np.arange(len(sizes) - 1).clip(max=FLAT_FAMILIES), FAMILIES - 1]
         is_own = np.eye(FAMILIES)[np.repeat(family, sizes)]
         weights = order == 0, order > 0, -np.log(order.clip(1))
         design = np.concatenate([is_own * each[:, None] for each in weights], axis=1)
-        power = np.diag(self.moments.gram)[np.repeat(starts, sizes)] / self.moments.number
+        power = np.repeat(np.diag(self.moments.gram)[order == 0] / self.moments.number, sizes)
         return -0.5 * np.log(np.where(power > 0, power, 1.0)), design
 
     @cached_property
@@ -145,7 +130,7 @@ class Fit:
 
     @cached_property
     def objective(self) -> float:
-        """Return the log evidence, and the log densities of shape and hyperparameters."""
+        """Return the log evidence plus the log prior densities of shape and hyperparameters."""
         off = *((self.shape - MEAN) / SPREAD), *decays_off(self.parameters)
         return self.posterior.log_evidence - 0.5 * float(np.sum(np.square(off)))
 
@@ -162,33 +147,29 @@ class Fit:
         """
         return self.data.held_out(self.products, self.reflex_columns, self.solved)
 
-    def share(self) -> float:
-        """Return the share of the held-out torque's square that the fit predicts."""
-        return 1 - float(np.sum(self.held_out**2) / np.sum(self.data.torque**2))
+    def left_share(self) -> float:
+        """Return the share of the held-out torque's square that the fit leaves."""
+        return float(np.sum(self.held_out**2) / np.sum(self.data.torque**2))
 
     def moved(self, step: Array) -> Array:
         """Return the shape after a step (number,), kept within its bounds."""
         return np.clip(self.shape + step, LOWEST, HIGHEST)
 
-    def slopes(self) -> Array:
-        """Return the derivatives (number, realization, time) of the reflex torque by its shape."""
+    @cached_property
+    def late_columns(self) -> Array:
+        """Return the columns of the reflex, and its torque's derivatives by the free numbers."""
         coefficients, slopes = self.posterior.mean[self.data.intrinsic_count :, None], []
         for step in np.diag(STEP)[: self.free]:
             ends = self.moved(step), self.moved(-step)
             high, low = (self.data.reflex(self.drive, each, coefficients) for each in ends)
             # One number differs, by less than two steps at its bounds.
             slopes.append((high - low) / np.sum(ends[0] - ends[1]))
-        return np.concatenate([self.reflex_columns[:0], *slopes])
-
-    @cached_property
-    def every_column(self) -> Array:
-        """Return the columns of the reflex, and the torque's derivatives by the shape."""
-        return np.concatenate([self.reflex_columns, self.slopes()])
+        return np.concatenate([self.reflex_columns, *slopes])
 
     @cached_property
     def inverse(self) -> Array:
-        """Return the posterior covariance of coefficients and shape over the noise variance."""
-        return solve(self.data.moments(self.every_column), self.precision).covariance
+        """Return the posterior covariance of coefficients and shape, divided by the noise's."""
+        return solve(self.data.moments(self.late_columns), self.precision).covariance
 
     @property
     def quantities(self) -> Array:
@@ -209,11 +190,13 @@ class Fit:
         Stiffness keeps one sign. The gain of EMG is of either sign.
         """
         step = max(1, len(self.data.ensemble.time) // MAX_LIMITED_TIMES)
-        stiffness, *rest, gain = self.quantities[:, ::step]
-        rows = [np.sign(self.posterior.mean[0]) * stiffness, rest[0]]
-        if self.drive.emg is None:
-            rows.append(gain)
-        return attrs.evolve(self, positive=np.concatenate(rows))
+        rows = self.quantities[:, ::step] * self.signs[:, None, None]
+        return attrs.evolve(self, positive=np.concatenate(rows[self.signs != 0]))
+
+    @property
+    def signs(self) -> Array:
+        """Return the sign that each quantity keeps, 0 for either."""
+        return np.array([np.sign(self.posterior.mean[0]), 1, 0, self.drive.emg is None])
 
     @property
     def freedom(self) -> float:
@@ -233,7 +216,7 @@ class Fit:
         """
         left, inverse = self.residual, self.inverse
         data = attrs.evolve(self.data, true_noise=autocorrelation(left, 0.0))
-        coloured = data.moments(self.every_column).gram
+        coloured = data.moments(self.late_columns).gram
         variance = float(np.sum(left**2)) / self.freedom
         prior = self.posterior.noise_variance * (inverse * self.precision) @ inverse
         return np.asarray(variance * inverse @ coloured @ inverse + prior)
@@ -241,8 +224,8 @@ class Fit:
     @property
     def precision(self) -> Array:
         """Return the prior precision of coefficients and shape, times the noise variance."""
-        own = np.concatenate([self.posterior.precision, SPREAD[: self.free] ** -2])
-        return np.asarray(self.posterior.noise_variance * own)
+        shape = self.posterior.noise_variance / SPREAD[: self.free] ** 2
+        return np.concatenate([self.spread**-2, shape])
 
     def improved(self) -> Fit:
         """Return the fit after some Gauss-Newton steps, each halved until it is better.
@@ -252,13 +235,12 @@ class Fit:
         fit, free = self, self.free
         for _ in range(MAX_STEPS if free else 0):
             own = slice(-free, None)
-            gradient = np.tensordot(fit.every_column[own], fit.data.weighted(fit.residual), 2)
+            gradient = np.tensordot(fit.late_columns[own], fit.data.weighted(fit.residual), 2)
             gradient += fit.precision[own] * (MEAN - fit.shape)[:free]
             step = np.pad(fit.inverse[own, own] @ gradient, (0, len(MEAN) - free))
             if np.max(np.abs(step) / SPREAD) < SMALLEST_STEP:
                 break
-            shapes = (fit.moved(step / 2**n) for n in range(MAX_HALVINGS))
-            tried = (attrs.evolve(fit, shape=each) for each in shapes)
+            tried = (attrs.evolve(fit, shape=fit.moved(step / 2**n)) for n in range(MAX_HALVINGS))
             better = next((each for each in tried if each.objective > fit.objective), None)
             if better is None:
                 break

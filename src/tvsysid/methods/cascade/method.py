@@ -7,7 +7,7 @@ from tvsysid.methods.pathways import PATHWAYS
 
 
 class TwoPathwayMethod(Method):
-    """Identify intrinsic pathway and reflex. A channel of EMG may drive the reflex."""
+    """Identify intrinsic pathway and reflex. In some, a channel of EMG may drive the reflex."""
 
     emg: str | None = None
 

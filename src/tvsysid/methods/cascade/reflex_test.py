@@ -12,8 +12,7 @@ from scipy.linalg import block_diag
 from scipy.special import stdtr, stdtrit
 
 from tvsysid.errors import InputError
-from tvsysid.methods.cascade.columns import Data
-from tvsysid.methods.cascade.fit import MEAN
+from tvsysid.methods.cascade.columns import MEAN, Data
 from tvsysid.methods.pathways import DIRECTIONS, Stretch
 from tvsysid.numerics.gaussian import Moments, least_squares
 from tvsysid.numerics.noise import autocorrelation
@@ -31,9 +30,9 @@ class ReflexTest(NamedTuple):
     """Evidence for a stretch reflex in held-out realizations.
 
     ``direction`` is 1 for a reflex to positive velocity and -1 for one to negative velocity,
-    whichever has the larger gain. ``over_none`` and ``over_linear`` are the p-values of whether
-    the reflex predicts better than no reflex, and than a late response that is the same in both
-    directions. ``share`` is the smallest share of the squared error that the reflex explains
+    whichever has the larger absolute gain. ``over_none`` and ``over_linear`` are the p-values of
+    whether the reflex predicts better than no reflex, and than a late response that is the same in
+    both directions. ``share`` is the smallest share of the squared error that the reflex explains
     (confidence 95 %); it is negative where none is certain.
     """
 
@@ -77,8 +76,8 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
 
     of each realization over its :math:`(y - \hat y_0)^T W (y - \hat y_0)`. W is the inverse
     covariance of the residual of the largest model, so that slow voluntary torque counts little.
-    The number is zero on average if the simpler model 0 is right. The difference of squared errors
-    would be lower by what useless coefficients cost, and has half the power.
+    The number is zero on average if the simpler model 0 is right. A test of the difference of
+    squared errors would be half as powerful, since useless coefficients cost squared error.
 
     The velocity is rectified at the rate at which the angle was recorded.
 

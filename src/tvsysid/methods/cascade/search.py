@@ -8,14 +8,8 @@ from typing import NamedTuple
 import attrs
 import numpy as np
 
-from tvsysid.methods.cascade.columns import Data
-from tvsysid.methods.cascade.fit import (
-    DELAY,
-    MEAN,
-    THRESHOLD,
-    USUAL_PARAMETERS,
-    Fit,
-)
+from tvsysid.methods.cascade.columns import DELAY, MEAN, THRESHOLD, Data
+from tvsysid.methods.cascade.fit import USUAL_PARAMETERS, Fit
 from tvsysid.methods.cascade.reflex_test import (
     HARMONICS,
     MIN_TESTED_REALIZATIONS,
@@ -33,8 +27,7 @@ INITIAL_THRESHOLD = 0.15  # rad/s
 MAX_MISFIT = 0.02  # share by which whitening may raise the held-out squares
 WHITE_FLOOR = 30.0  # power of added white noise, relative to the noise, where whitening is wrong
 MAX_CHANGE_P_VALUE = 0.05  # p-value below which a change or a threshold is accepted
-# Log evidence of a change, of few realizations. Without a change it is 0, but for rounding.
-MIN_CHANGE_EVIDENCE = 1.0
+MIN_CHANGE_EVIDENCE = 1.0  # log evidence of a change or a threshold in few realizations
 
 
 class Hyperparameters(NamedTuple):
@@ -50,24 +43,24 @@ class Hyperparameters(NamedTuple):
 class Selection(NamedTuple):
     """Fits that a search selects.
 
-    ``fit`` has the most likely reflex. ``used`` gives the estimates: the same fit if the reflex is
-    shown, else one without a reflex.
+    ``reflex`` is that with the most likely reflex, and gives the gain. ``used`` gives the
+    impedance: the same fit if the reflex is shown, else one without a reflex.
     """
 
-    fit: Fit
+    reflex: Fit
     used: Fit
 
     @property
     def shown(self) -> bool:
         """Return whether the reflex is shown."""
-        return self.used is self.fit
+        return self.used is self.reflex
 
 
 @lru_cache(maxsize=1)  # adaptive, cascade and checks ask for the same ensemble
 def select(ensemble: Ensemble, harmonics: int, delay: float | None, emg: str | None) -> Selection:
-    """Return the fit with a reflex if held-out realizations show one, or if EMG drives it.
+    """Return the fit with a reflex, and the same or one without, as held-out realizations show.
 
-    The settings are those of ``JointCascade``.
+    EMG always drives a reflex. The settings are those of ``JointCascade``.
     """
     data, usual_delay = Data.of(ensemble, harmonics), EMG_DELAY_S
     drive, shown, free, threshold = Stretch(emg=emg), True, THRESHOLD, 0.0
@@ -80,8 +73,7 @@ def select(ensemble: Ensemble, harmonics: int, delay: float | None, emg: str | N
         fit = _refined(_fitted(data, drive, shape, free)).limited()
         return Selection(fit, fit)
     none = _fitted(data, NO_REFLEX, shape, 0)
-    usual = Fit(none.data, drive, shape, 0)
-    return Selection(usual.limited(), none.limited())
+    return Selection(Fit(none.data, drive, shape, 0).limited(), none.limited())
 
 
 def fit_again(ensemble: Ensemble, known: Hyperparameters) -> Selection:
@@ -101,17 +93,18 @@ def _fitted(data: Data, drive: Stretch, shape: Array, free: int) -> Fit:
     """Return the fit of a drive. The data choose whether coefficients change over time."""
     start = Fit(data.constant, drive, shape, free, USUAL_PARAMETERS).improved()
 
-    def solved(data: Data) -> Fit:  # with the shape found for constant coefficients
+    def fitted_to(data: Data) -> Fit:  # with the shape found for constant coefficients
         return Fit(data, drive, start.shape, free)
 
-    residual = solved(data).residual
+    residual = fitted_to(data).residual
     whitened = attrs.evolve(data, noise=autocorrelation(residual))
-    fit, constant = solved(whitened), solved(whitened.constant)
+    fit, constant = fitted_to(whitened), fitted_to(whitened.constant)
     if not _is_better(fit, constant):
         fit, data = constant, data.constant
-    share = attrs.evolve(fit, data=data).share()  # unknown if there is a single fold
-    if share - fit.share() > MAX_MISFIT * (1 - share):
-        fit = solved(attrs.evolve(data, noise=autocorrelation(residual, WHITE_FLOOR)))
+    plain = attrs.evolve(fit, data=data)
+    # Unknown if there is a single fold
+    if fit.left_share() > (1 + MAX_MISFIT) * plain.left_share():
+        fit = fitted_to(attrs.evolve(data, noise=autocorrelation(residual, WHITE_FLOOR)))
     return fit
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 from scipy.fft import irfft, next_fast_len, rfft
 
 from tvsysid.numerics import Array
@@ -38,9 +37,11 @@ def coloured_moments(columns: Array, noise: Array, taper: Array) -> Array:
     lag 0 on.
     """
     half = autocovariance(noise[None], len(taper) - 1) * taper
-    kernel = np.concatenate([half[:0:-1], half])[None]
-    coloured = scipy.signal.oaconvolve(columns, kernel, mode="same", axes=1) @ columns.T
-    return np.asarray(coloured + coloured.T) / 2
+    size = next_fast_len(columns.shape[1] + len(half) - 1, real=True)
+    density = 2 * rfft(half, size).real - half[0]
+    density[1 : (size + 1) // 2] *= 2  # all but two frequencies also represent their negative
+    spectra = rfft(columns, size)
+    return np.asarray(((spectra * density) @ spectra.conj().T).real / size)
 
 
 def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:

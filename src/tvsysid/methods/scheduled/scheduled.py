@@ -188,7 +188,9 @@ class Scheduled(base.Method):
         powers = polynomials_of(variable[:, ensemble.core], limits, degrees)
         signals = {"rest": (np.ones((1, 1, 1)), {}), **self._intrinsic(ensemble, centre)}
         parts = {
-            name: Part(own[:, None] * powers[: getattr(orders, name) + 1], weights)
+            name: Part(
+                np.multiply(own[:, None], powers[: getattr(orders, name) + 1], order="C"), weights
+            )
             for name, (own, weights) in signals.items()
         }
         delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
@@ -237,7 +239,8 @@ def filtered(drives: Array, responses: Array, delay: int, ensemble: Ensemble) ->
         size = own[0].size
         line = np.append(before[:, 0], own.reshape(count, -1), axis=1)[:, : earlier + size]
         missing = np.isnan(line[0]).sum()  # from the beginning on
-        line = np.pad(np.nan_to_num(line), ((0, 0), (0, -size % BLOCK)))
+        line = np.pad(line, ((0, 0), (0, -size % BLOCK)))
+        line[:, :missing] = 0.0
         blocks = sliding_window_view(line, earlier + BLOCK, axis=1)[:, ::BLOCK]
         blocks = blocks.reshape(-1, earlier + BLOCK)
         for columns, matrix in zip(out, matrices, strict=True):

@@ -338,13 +338,13 @@ class Model:
 
     def predict(self, ensemble: Ensemble) -> Array:
         """Return the predicted torque for an ensemble: the sum of the :meth:`pathways`."""
-        return np.asarray(sum(self.pathways(ensemble).values()))
+        return np.sum([*self.pathways(ensemble).values()], axis=0)
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         if self._torques is None:
             parts = zip(IMPEDANCE, ensemble.derivatives(), strict=True)
             known = [self.over_time(name) * each for name, each in parts if name in self.estimates]
-            return {"intrinsic": np.asarray(sum(known))}
+            return {"intrinsic": np.sum(known, axis=0)}
         shape = (len(ensemble), ensemble.samples)
         torques = {name: np.asarray(each) for name, each in self._torques(ensemble).items()}
         for name, torque in torques.items():

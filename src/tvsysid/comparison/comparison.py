@@ -304,7 +304,7 @@ class Comparison:
         kept = np.setdiff1d(np.arange(len(ensemble)), held_out)
 
         def deviation(values: Array) -> Array:
-            return np.asarray(values - ensemble.mean_subtracted * mean_known(values[kept]))
+            return values - ensemble.mean_subtracted * mean_known(values[kept])
 
         angle, torque = deviation(ensemble.angle), deviation(ensemble.torque)
         measured = torque[held_out, ensemble.core]

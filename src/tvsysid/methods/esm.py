@@ -147,7 +147,7 @@ class EnsembleSpectral(shared.ReferenceMethod):
             time=ensemble.time,
             estimates=shared.impedance_estimates(impedance, errors),
             frequency_response=padded(response, *missing),
-            frequencies=np.asarray(np.fft.rfftfreq(length, 1 / rate)),
+            frequencies=np.fft.rfftfreq(length, 1 / rate),
             coherence=padded(coherence, *missing),
             excited=padded(excited.astype(np.float64), *missing) > 0,
             segment=length,
@@ -258,7 +258,7 @@ class SegmentFit(NamedTuple):
         absorbed = 3 / len(ensemble) * (2 * own / total - overlap / total**2)
         filters = derivative_filters(HALF_WIDTH, ensemble.sampling_rate)
         _, factors = shared.noise_colour(ensemble, left, absorbed, filters, overlap / overlap[0])
-        return np.asarray(factors * white)
+        return factors * white
 
     @property
     def freedom(self) -> float:
@@ -269,4 +269,4 @@ class SegmentFit(NamedTuple):
 
 def window_sums(values: Array, weights: Array) -> Array:
     """Return weighted sums (time, …) of values (sample, …) over each segment."""
-    return np.asarray(sliding_window_view(values, len(weights), axis=0) @ weights)
+    return sliding_window_view(values, len(weights), axis=0) @ weights

@@ -181,4 +181,4 @@ def track(
     logarithm = np.log(np.abs(amplitude**2 * frequencies)) / 2
     fade = -np.gradient(logarithm, 1 / rate)  # s of the class's equation
     squares = frequencies**2 + fade**2 + np.gradient(fade, 1 / rate)
-    return np.asarray(inertia * np.stack([squares, 2 * fade, np.ones_like(fade)], axis=1))
+    return inertia * np.stack([squares, 2 * fade, np.ones_like(fade)], axis=1)

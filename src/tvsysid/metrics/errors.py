@@ -55,7 +55,7 @@ def weighted_mean(values: ArrayLike, weights: ArrayLike | None = None) -> Array:
     """
     array = np.asarray(values, dtype=np.float64)
     shares = np.ones(len(array)) if weights is None else np.asarray(weights, dtype=np.float64)
-    return np.asarray((shares / shares.sum(axis=-1, keepdims=True)) @ array)
+    return (shares / shares.sum(axis=-1, keepdims=True)) @ array
 
 
 def _mean_square(errors: Array, weights: ArrayLike | None) -> Array:
@@ -65,7 +65,7 @@ def _mean_square(errors: Array, weights: ArrayLike | None) -> Array:
 
 def _square_of_mean(errors: Array, weights: ArrayLike | None) -> Array:
     """Return the mean over time of the square of the mean over trials."""
-    return np.asarray(np.mean(np.square(weighted_mean(errors, weights)), axis=-1))
+    return np.mean(np.square(weighted_mean(errors, weights)), axis=-1)
 
 
 def bias_error(estimates: ArrayLike, truth: ArrayLike, weights: ArrayLike | None = None) -> Value:

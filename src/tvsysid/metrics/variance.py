@@ -31,7 +31,7 @@ def _vaf(torque: Array, predicted: Array, axis: int) -> Array:
     power = np.sum(np.square(torque), axis=axis, where=known)
     residual = np.sum(np.square(torque - predicted), axis=axis, where=known)
     share = np.divide(residual, power, out=np.full(power.shape, np.nan), where=power > 0)
-    return np.asarray(np.maximum(100.0 * (1.0 - share), 0.0))
+    return np.maximum(100.0 * (1.0 - share), 0.0)
 
 
 def vaf(torque: ArrayLike, predicted: ArrayLike) -> Array:
@@ -103,4 +103,4 @@ def _bandpass_matrix(samples: int, sampling_rate: float) -> Array:
 def _bandpass(torque: Array, sampling_rate: float) -> Array:
     sections = scipy.signal.butter(3, BAND_HZ, btype="bandpass", fs=sampling_rate, output="sos")
     reflected = min(torque.shape[1] - 1, round(sampling_rate / BAND_HZ[0]))
-    return np.asarray(scipy.signal.sosfiltfilt(sections, torque, padtype="even", padlen=reflected))
+    return scipy.signal.sosfiltfilt(sections, torque, padtype="even", padlen=reflected)

@@ -21,7 +21,7 @@ def critical_value(level: float, freedom: Array) -> Array:
     _check(level)
     # Quantiles are slow, and most freedoms are the same at all times.
     known, place = np.unique(np.minimum(freedom, 1e9), return_inverse=True)
-    return np.asarray(stdtrit(known, 0.5 + level / 2)[place].reshape(np.shape(freedom)))
+    return stdtrit(known, 0.5 + level / 2)[place].reshape(np.shape(freedom))
 
 
 def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
@@ -98,7 +98,7 @@ def mean_of(values: Array) -> float:
 def mean_known(values: Array, axis: int = 0) -> Array:
     """Return the mean over an axis without NaN; NaN if all are."""
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
-        return np.asarray(np.nanmean(values, axis=axis))
+        return np.nanmean(values, axis=axis)
 
 
 def mean_and_spread(values: Array) -> tuple[Array, Array]:

@@ -78,10 +78,10 @@ class CubicBSplines:
             knots = np.arange(-3, self.functions + 4) * step
             wide = scipy.interpolate.BSpline.design_matrix(time % 1.0, knots, 3).toarray()
             wide[:, :3] += wide[:, self.functions :]
-            return np.asarray(wide[:, : self.functions])
+            return wide[:, : self.functions]
         inner = np.linspace(0.0, 1.0, self.functions - 2)
         knots = np.concatenate([np.zeros(3), inner, np.ones(3)])
-        return np.asarray(scipy.interpolate.BSpline.design_matrix(time, knots, 3).toarray())
+        return scipy.interpolate.BSpline.design_matrix(time, knots, 3).toarray()
 
 
 @attrs.frozen
@@ -97,7 +97,7 @@ class GaussianBumps:
     def __call__(self, time: Array) -> Array:
         """Values at normalised times, shape (time, function)."""
         distance = (time[:, None] - np.linspace(0.0, 1.0, self.functions)) / self.width
-        return np.asarray(np.exp(-(distance**2) / 2) / math.sqrt(2 * math.pi * self.width))
+        return np.exp(-(distance**2) / 2) / math.sqrt(2 * math.pi * self.width)
 
 
 @attrs.frozen

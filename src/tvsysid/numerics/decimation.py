@@ -20,7 +20,7 @@ def decimation_weights(factor: float, taps: int = TAPS, later: ArrayLike = 0.0) 
     """
     lags = np.arange(taps) - taps // 2 - np.asarray(later)[..., None]
     weights = np.sinc(lags / factor) * (0.54 + 0.46 * np.cos(np.pi * (2 * lags) / (taps - 1)))
-    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+    return weights / weights.sum(axis=-1, keepdims=True)
 
 
 def windows_about(x: Array, taps: int = TAPS) -> Array:
@@ -42,7 +42,7 @@ def keep_every(x: Array, factor: int, taps: int = TAPS) -> Array:
     if factor == 1:
         return x
     windows = windows_about(x, taps)[..., ::factor, :]
-    return np.asarray(np.einsum("...t,t", windows, decimation_weights(factor, taps)))
+    return np.einsum("...t,t", windows, decimation_weights(factor, taps))
 
 
 def resampled(x: Array, places: NDArray[np.floating], step: float) -> Array:
@@ -52,4 +52,4 @@ def resampled(x: Array, places: NDArray[np.floating], step: float) -> Array:
     """
     nearest = np.round(places).astype(np.int64)
     weights = decimation_weights(step, later=places - nearest)
-    return np.asarray(np.einsum("rtk,tk->rt", windows_about(x)[:, nearest], weights))
+    return np.einsum("rtk,tk->rt", windows_about(x)[:, nearest], weights)

@@ -46,7 +46,7 @@ def derivative_weights(half_width: int = HALF_WIDTH, band: float = BAND) -> Arra
 
 def derivative_filters(half_width: int, sampling_rate: float) -> Array:
     """Return filters (3, 2 n + 1) for a signal and its first two derivatives."""
-    return np.asarray(derivative_weights(half_width) * sampling_rate ** np.arange(3.0)[:, None])
+    return derivative_weights(half_width) * sampling_rate ** np.arange(3.0)[:, None]
 
 
 def differentiate(u: Array, sampling_rate: float, half_width: int = HALF_WIDTH) -> Array:

@@ -103,7 +103,7 @@ class Posterior:
     def determined(self) -> Array:
         """Return how much of each weight the data determine, from 0 (the prior alone) to 1."""
         variances = np.einsum("ij,ij->j", self.inverse_factor, self.inverse_factor)
-        return np.asarray(1 - self.noise_variance * self.precision * variances)
+        return 1 - self.noise_variance * self.precision * variances
 
     @property
     def effective(self) -> float:

@@ -39,7 +39,7 @@ def realization_groups(trials: NDArray[np.int64], onsets: Array) -> NDArray[np.i
     that was drawn twice is in one group.
     """
     distinct, place = np.unique(np.stack([trials, onsets], axis=1), axis=0, return_inverse=True)
-    return np.asarray(place.ravel() * min(BLOCKS, len(distinct)) // len(distinct))
+    return place.ravel() * min(BLOCKS, len(distinct)) // len(distinct)
 
 
 def predicted(

@@ -19,7 +19,7 @@ def between(values: Array, later: float) -> Array:
         return values
     lags = np.arange(-SINC, SINC + 1)
     taps = np.sinc(lags - later) * np.kaiser(2 * SINC + 1, 5.0)
-    return np.asarray(correlate1d(values, taps / taps.sum(), axis=-1, mode="nearest"))
+    return correlate1d(values, taps / taps.sum(), axis=-1, mode="nearest")
 
 
 def advanced(values: Array, samples: float) -> Array:

@@ -27,7 +27,7 @@ def autocovariance(x: Array, lags: int) -> Array:
     size = next_fast_len(count + lags, real=True)
     power = np.sum(np.abs(rfft(x, size, axis=1)) ** 2, axis=0)
     products = irfft(power, size)[: lags + 1]
-    return np.asarray(np.where(np.arange(lags + 1) < count, products / x.size, 0.0))
+    return np.where(np.arange(lags + 1) < count, products / x.size, 0.0)
 
 
 def coloured_moments(columns: Array, noise: Array, taper: Array) -> Array:
@@ -41,7 +41,7 @@ def coloured_moments(columns: Array, noise: Array, taper: Array) -> Array:
     density = 2 * rfft(half, size).real - half[0]
     density[1 : (size + 1) // 2] *= 2  # all but two frequencies also represent their negative
     spectra = rfft(columns, size)
-    return np.asarray(((spectra * density) @ spectra.conj().T).real / size)
+    return ((spectra * density) @ spectra.conj().T).real / size
 
 
 def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:
@@ -57,7 +57,7 @@ def autocorrelation(noise: Array, floor: float = FLOOR) -> Array:
     covariance = autocovariance(noise * np.hanning(times + 2)[1:-1], lags)
     covariance *= np.correlate(taper, taper, "full")[lags:]
     covariance[0] *= 1 + floor
-    return np.asarray(covariance / max(covariance[0], np.finfo(float).tiny))
+    return covariance / max(covariance[0], np.finfo(float).tiny)
 
 
 def angle_products(angle: Array, width: int, lags: int) -> Array:
@@ -101,7 +101,7 @@ def regressor_covariances(filters: Array, products: Array) -> Array:
     one, other = lag[:, None], lag + later
     first, apart = np.minimum(one, other), np.abs(one - other)
     sums = running[first + count - later, apart] - running[first, apart]
-    covariances = np.asarray(filters @ sums @ filters.T / count)
+    covariances = filters @ sums @ filters.T / count
     # A regressor may be rounding only, such as the acceleration of a ramp.
     largest = np.abs(filters).sum(axis=1) ** 2 * products[:, 0].max()
     known = np.diag(covariances[0]) > FAINT * largest
@@ -115,7 +115,7 @@ def regressor_correlation(covariances: Array) -> Array:
     autocovariance at lag d in proportion to it.
     """
     scaled, inverse = _scaled(covariances)
-    return np.asarray(np.einsum("jk,dkj->d", inverse, scaled) / len(inverse))
+    return np.einsum("jk,dkj->d", inverse, scaled) / len(inverse)
 
 
 def power_in_band(correlation: Array, low: float, high: float) -> float:
@@ -170,7 +170,7 @@ def colour_factors(covariances: Array, noise: Array) -> Array:
     scaled, inverse = _scaled(covariances)
     half = np.einsum("d,djk->jk", noise, scaled) - scaled[0] / 2
     coloured = inverse @ (half + half.T) @ inverse
-    return np.asarray(np.maximum(np.diag(coloured), 0.0) / np.diag(inverse))
+    return np.maximum(np.diag(coloured), 0.0) / np.diag(inverse)
 
 
 def _scaled(covariances: Array) -> tuple[Array, Array]:

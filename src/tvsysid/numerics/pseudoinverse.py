@@ -106,4 +106,4 @@ def _solution(
 def solve_regularized(gram: Array, cross: Array) -> Array:
     """Solve least squares from second moments, also where regressors are nearly the same."""
     ridge = RIDGE * np.trace(gram) / len(gram) + np.finfo(float).tiny
-    return np.asarray(np.linalg.solve(gram + ridge * np.eye(len(gram)), cross))
+    return np.linalg.solve(gram + ridge * np.eye(len(gram)), cross)

@@ -60,7 +60,7 @@ def response_readout(lags: Array) -> Array:
     joint = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
     response = np.exp(-1j * np.outer(omega, lags))
     joint, response = (np.concatenate([each.real, each.imag]) for each in (joint, response))
-    return np.asarray(np.linalg.pinv(joint) @ response)
+    return np.linalg.pinv(joint) @ response
 
 
 def second_order_fit(moments: Array, cross: Array) -> tuple[Array, Array]:

@@ -43,7 +43,7 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
     def correlation(moments: Array) -> Array:
         """Return products of windowed samples and later ones, summed, shape (time, lag)."""
         windows = sliding_window_view(moments, length, axis=0)
-        return np.asarray(np.einsum("tdj,dj->td", windows, taper)) / length
+        return np.einsum("tdj,dj->td", windows, taper) / length
 
     uu, later, earlier, yy = (
         correlation(diagonal_moments(a, b, length - 1)) for a, b in ((u, u), (u, y), (y, u), (y, y))
@@ -58,7 +58,7 @@ def short_time_spectra(u: Array, y: Array, length: int) -> ShortTimeSpectra:
 def hann(length: int) -> Array:
     """Return a Hann window that is symmetric about, and peaks at, sample length // 2."""
     odd = length % 2
-    return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + odd) / (length + odd)))
+    return 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(length) + odd) / (length + odd))
 
 
 def power_spectrum(x: Array) -> Array:
@@ -68,7 +68,7 @@ def power_spectrum(x: Array) -> Array:
     """
     centred = x - x.mean(axis=1, keepdims=True)
     power = np.abs(rfft(centred * hann(x.shape[1]), axis=1)) ** 2
-    return np.asarray(power.sum(axis=0))
+    return power.sum(axis=0)
 
 
 def power_share(x: Array, sampling_rate: float, low: float) -> float:

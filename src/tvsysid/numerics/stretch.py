@@ -26,7 +26,7 @@ def recorded_velocity(recorded_angle: Array, sampling_rate: float) -> Array:
     rate = recorded_angle.shape[-1] * sampling_rate
     angle = recorded_angle.reshape(len(recorded_angle), -1)
     weights = PARABOLA if rate >= FAST else derivative_weights(HALF_WIDTH)[1][::-1]
-    return np.asarray(correlate1d(angle, weights * rate, axis=-1, mode="nearest"))
+    return correlate1d(angle, weights * rate, axis=-1, mode="nearest")
 
 
 def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int = 1) -> Array:

@@ -82,7 +82,7 @@ class Hammerstein(NamedTuple):
     def impulse_response(self, samples: int) -> Array:
         """Of the linear part, (lag,) from 0."""
         impulse = np.eye(1, samples)[0]
-        return np.asarray(scipy.signal.lfilter(self.numerator, self.denominator, impulse))
+        return scipy.signal.lfilter(self.numerator, self.denominator, impulse)
 
 
 def dynamics(pieces: Sequence[Piece], horizon: int, order: int, lagged: bool = True) -> Array:
@@ -184,7 +184,7 @@ def _from_past(pieces: Sequence[Piece], horizon: int, lagged: bool) -> Array:
     scaled = gram[np.ix_(inputs, inputs)] / (size * size.T)
     factor = cholesky(scaled + RIDGE * np.eye(len(inputs)), lower=True)
     outputs = gram[inputs, :horizon][:, ::-1] / size
-    return np.asarray(solve_triangular(factor, outputs, lower=True)[len(future) :].T)
+    return solve_triangular(factor, outputs, lower=True)[len(future) :].T
 
 
 def lagged_gram(signals: Array, before: int) -> Array:

@@ -67,7 +67,7 @@ class Spectrum:
         size = next_fast_len(samples, real=True)
         density = np.interp(rfftfreq(size, 1 / rate), self.frequencies, self.density, right=0.0)
         white = rfft(random.standard_normal(size))
-        return np.asarray(irfft(white * np.sqrt(density * rate / 2), size)[:samples])
+        return irfft(white * np.sqrt(density * rate / 2), size)[:samples]
 
 
 # Voluntary torque is slow: its power falls with frequency.
@@ -240,7 +240,7 @@ class Protocol:
         """Stiffness over a realization in N·m/rad; NaN if the system has no such setting."""
         profile = settings_of(self._parts[0]).get("stiffness")
         time = np.arange(0, self.period, 1 / self.rate)
-        return np.asarray(profile(time) if profile else np.full_like(time, math.nan))
+        return profile(time) if profile else np.full_like(time, math.nan)
 
     def simulated(self, count: int, seed: int) -> Simulated:
         """Return ``count`` realizations. The same seed gives the same."""

@@ -127,12 +127,12 @@ def remove_mains(recording: Recording, frequency: float) -> Recording:
     weights = scipy.signal.windows.hann(2 * round(AVERAGING_S * rate / 2) + 1)
 
     def average(values: Array) -> Array:
-        return np.asarray(scipy.signal.oaconvolve(values, weights, "same"))
+        return scipy.signal.oaconvolve(values, weights, "same")
 
     def subtract_line(values: Array) -> Array:
         carrier = np.exp(2j * np.pi * frequency / rate * np.arange(len(values)))
         demodulated = (values - values.mean()) / carrier
         line = average(demodulated) / average(np.ones(len(values))) * carrier
-        return np.asarray(values - 2 * line.real)
+        return values - 2 * line.real
 
     return map_trials(recording, subtract_line)

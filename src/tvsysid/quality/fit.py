@@ -57,7 +57,7 @@ class SecondOrderFit:
         realizations, samples = self.torque.shape
         enough = min(math.ceil(MIN_POOLED_SAMPLES / realizations), samples // MIN_BINS)
         length = max(MIN_BIN_SAMPLES, enough)
-        return np.asarray(np.minimum(np.arange(samples) // length, samples // length - 1))
+        return np.minimum(np.arange(samples) // length, samples // length - 1)
 
     @cached_property
     def impedance(self) -> Array:
@@ -84,7 +84,7 @@ class SecondOrderFit:
     @cached_property
     def residual(self) -> Array:
         """Torque that the fit does not explain in N·m, shape (realization, time)."""
-        return np.asarray(self.torque - self.parts.sum(axis=0))
+        return self.torque - self.parts.sum(axis=0)
 
     @cached_property
     def explained(self) -> float:
@@ -203,7 +203,7 @@ class FittedEnsemble:
         Its shape is (realization, time), context included.
         """
         values = self.ensemble.signal(which)
-        return np.asarray(values - values.mean(axis=0))
+        return values - values.mean(axis=0)
 
     def core(self, which: str) -> Array:
         """Return the same deviation without context."""
@@ -265,7 +265,7 @@ class FittedEnsemble:
 
 def low_passed(signal: Array, deviation: float = LOW_PASS_SAMPLES) -> Array:
     """Return a signal (..., time) through a Gaussian low-pass of so many samples."""
-    return np.asarray(gaussian_filter1d(signal, deviation, axis=-1))
+    return gaussian_filter1d(signal, deviation, axis=-1)
 
 
 def constant_impedance(motion: Array, torque: Array) -> tuple[Array, Array]:

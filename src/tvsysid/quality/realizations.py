@@ -169,7 +169,7 @@ def _is_outlying(values: Array, least: float, errors: Array | float = 0.0) -> ND
     """Whether values are farther from the median than scatter, errors and ``least`` allow."""
     distance = np.abs(values - np.median(values))
     usual = np.maximum(ROBUST * np.median(distance), errors)
-    return np.asarray(distance > np.maximum(MAX_DISTANCE * usual, least))
+    return distance > np.maximum(MAX_DISTANCE * usual, least)
 
 
 @check(

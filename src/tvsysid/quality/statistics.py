@@ -87,7 +87,7 @@ def whitener(signal: Array, order: int) -> Array:
 def filtered(signal: Array, taps: Array) -> Array:
     """Return a signal (..., time) through a causal filter, where all its samples are known."""
     known = convolve1d(signal, taps, axis=-1, origin=-(len(taps) // 2))
-    return np.asarray(known[..., len(taps) - 1 :])
+    return known[..., len(taps) - 1 :]
 
 
 def over_usual(values: Array, quantile: float) -> Array:

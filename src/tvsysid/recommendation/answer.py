@@ -232,7 +232,7 @@ def model_spread(
             difference = np.full(len(difference), mean_of(difference))
         share = weights[name] / (weights[name] + weights[label])
         spread = np.fmax(spread, CRITICAL_VALUE * math.sqrt(share) * abs(difference))
-    return np.asarray(np.maximum(spread, np.nan_to_num(half_width(own.band("stiffness")))))
+    return np.maximum(spread, np.nan_to_num(half_width(own.band("stiffness"))))
 
 
 def judge_trust(

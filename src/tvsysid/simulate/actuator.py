@@ -33,7 +33,7 @@ def drive_of(angle: Array, rate: float) -> Array:
     """Return the drive (time,) to which :func:`actuate` responds with this angle."""
     *_, stiffness, damping = _bessel_filter(rate)
     velocity = np.gradient(angle, 1 / rate)
-    return np.asarray(angle + (damping * velocity + np.gradient(velocity, 1 / rate)) / stiffness)
+    return angle + (damping * velocity + np.gradient(velocity, 1 / rate)) / stiffness
 
 
 @cache

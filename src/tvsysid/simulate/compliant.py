@@ -116,4 +116,4 @@ class CompliantActuator(Joint):
         if viscosity is None:
             viscosity = 1.4 * math.sqrt(self.actuator_stiffness * self.actuator_inertia)
         load = np.array([[self.actuator_stiffness], [viscosity], [self.actuator_inertia]])
-        return np.asarray(np.stack([*impedance.values()]) + load)
+        return np.stack([*impedance.values()]) + load

@@ -236,7 +236,7 @@ def _voluntary_torque(
     count = len(middles)
 
     def happens(share: float) -> NDArray[np.bool_]:
-        return np.asarray(random.random(count) < share)
+        return random.random(count) < share
 
     delay = traits.delay + traits.delay_jitter * random.standard_normal(count)
     delay += happens(late) * random.choice([-1.0, 1.0], count) * random.uniform(0.35, 0.7, count)
@@ -259,7 +259,7 @@ def _voluntary_torque(
         width = random.uniform(0.05, 0.15)
         height = random.choice([-1.0, 1.0]) * random.uniform(0.2, 0.4) * target.amplitude
         torque += height * np.exp(-0.5 * np.square((time - centre) / width))
-    return np.asarray(torque)
+    return torque
 
 
 def _unit_noise(bandwidth: float, samples: int, random: np.random.Generator) -> Array:
@@ -268,4 +268,4 @@ def _unit_noise(bandwidth: float, samples: int, random: np.random.Generator) -> 
     response = scipy.signal.lfilter(*scipy.signal.butter(2, bandwidth, fs=RATE_HZ), impulse)
     run_in = round(RATE_HZ / bandwidth)
     noise = low_passed_noise(random, bandwidth, RATE_HZ, run_in + samples)[run_in:]
-    return np.asarray(noise / math.sqrt(float(np.dot(response, response))))
+    return noise / math.sqrt(float(np.dot(response, response)))

@@ -44,7 +44,7 @@ def low_passed_noise(
     """Return white noise after a second-order Butterworth low-pass with this initial state."""
     low_pass = scipy.signal.butter(2, cutoff, fs=rate)
     white = random.standard_normal(samples)
-    return np.asarray(scipy.signal.lfilter(*low_pass, white, zi=[state, 0.0])[0])
+    return scipy.signal.lfilter(*low_pass, white, zi=[state, 0.0])[0]
 
 
 @attrs.frozen
@@ -119,7 +119,7 @@ class Multisine:
             )
         phases = random.random((len(self.frequencies), 1))
         turns = np.outer(self.frequencies, np.arange(samples) / rate) + phases
-        return np.asarray(np.sin(2 * np.pi * turns).sum(axis=0))
+        return np.sin(2 * np.pi * turns).sum(axis=0)
 
 
 PERTURBATIONS: dict[str, Perturbation] = {

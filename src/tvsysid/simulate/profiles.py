@@ -68,7 +68,7 @@ class SineWave:
     def __call__(self, time: Array) -> Array:
         """Return the value at each time."""
         phase = 2 * np.pi * (np.asarray(time) - self.offset) / self.period
-        return np.asarray(self.mean + self.amplitude * np.sin(phase))
+        return self.mean + self.amplitude * np.sin(phase)
 
 
 @attrs.frozen

@@ -53,4 +53,4 @@ class StretchReflex:
         muscle = scipy.signal.bilinear(
             [square], [1.0, 2 * self.damping * self.frequency, square], fs=rate
         )
-        return np.asarray(scipy.signal.lfilter(*muscle, gain * self.stretch(velocity, rate)))
+        return scipy.signal.lfilter(*muscle, gain * self.stretch(velocity, rate))

@@ -105,14 +105,14 @@ def score_of(errors: Array) -> Array:
     .. math:: 100 \exp \frac{1}{S} \sum_s \log \sqrt{\sum_t e_{st}^2 / T}
     """
     squares = (errors**2).mean(axis=1)
-    return np.asarray(100 * np.exp(0.5 * np.log(squares).mean(axis=0)))
+    return 100 * np.exp(0.5 * np.log(squares).mean(axis=0))
 
 
 def influence_of(errors: Array) -> Array:
     """Return how much the score changes with each trial's weight, as the errors' shape."""
     squares = errors**2
     shares = squares / squares.mean(axis=1, keepdims=True)
-    return np.asarray(score_of(errors) * shares / (2 * len(errors)))
+    return score_of(errors) * shares / (2 * len(errors))
 
 
 def standard_error(influence: Array) -> Array:
@@ -120,7 +120,7 @@ def standard_error(influence: Array) -> Array:
 
     All entries see the same trials: a difference of influences gives the error of a difference.
     """
-    return np.asarray(np.sqrt((influence.var(axis=1) / (influence.shape[1] - 1)).sum(axis=0)))
+    return np.sqrt((influence.var(axis=1) / (influence.shape[1] - 1)).sum(axis=0))
 
 
 def ranks_of(errors: Array) -> list[int]:

@@ -63,7 +63,7 @@ def bias_ratio(none: Array, low: Array, high: Array) -> Array:
 
     It is NaN where they have opposite signs.
     """
-    return np.asarray(np.log((high - none) / (low - none)))
+    return np.log((high - none) / (low - none))
 
 
 WINDOW = (

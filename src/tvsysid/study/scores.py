@@ -221,7 +221,7 @@ def from_switch(time: Array, truth: Array) -> Array:
     if len(np.unique(truth)) != 2:
         return np.full(len(time), np.nan)
     apart = np.abs(time[:, None] - time[truth != np.roll(truth, 1)])
-    return np.asarray(np.minimum(apart, len(time) * (time[1] - time[0]) - apart).min(axis=1))
+    return np.minimum(apart, len(time) * (time[1] - time[0]) - apart).min(axis=1)
 
 
 def summarize(found: xr.Dataset) -> pd.DataFrame:

@@ -53,12 +53,12 @@ class Mixture(NamedTuple):
 
     def mean(self) -> Array:
         """Return the mean of the mixture, shape (time,)."""
-        return np.asarray(self.means @ self.weights)
+        return self.means @ self.weights
 
     def variance(self) -> Array:
         """Return the variance of the mixture, shape (time,)."""
         apart = self.means - self.mean()[:, None]
-        return np.asarray((self.variances + apart**2) @ self.weights)
+        return (self.variances + apart**2) @ self.weights
 
 
 class Hypothesis(NamedTuple):

@@ -72,7 +72,7 @@ class Steps(NamedTuple):
 
     def products(self, other: Steps) -> Array:
         """Return the products of what is left with that of other steps, shape (step, other)."""
-        return np.asarray(self.columns.T @ other.columns - self.explained.T @ other.explained)
+        return self.columns.T @ other.columns - self.explained.T @ other.explained
 
 
 @attrs.frozen(eq=False)
@@ -158,7 +158,7 @@ class SmoothFit:
 
     def standardized(self, products: Array) -> Array:
         """Turn products with features (feature, ...) into those with standardized ones."""
-        return np.asarray(self.posterior.inverse_factor @ products[self._kept])
+        return self.posterior.inverse_factor @ products[self._kept]
 
     @cached_property
     def features(self) -> Array:
@@ -203,7 +203,7 @@ def column_evidence(power: Array, cross: Array, variance: float | Array) -> Arra
     ``power`` is the square of what is left of the column, ``cross`` its product with the estimate.
     """
     ratio = 1 + variance * np.maximum(power, 0.0)
-    return np.asarray(0.5 * (variance * cross**2 / ratio - np.log(ratio)))
+    return 0.5 * (variance * cross**2 / ratio - np.log(ratio))
 
 
 def size_covariances(gram: Array) -> Array:
@@ -268,7 +268,7 @@ def switch_evidence(
     free = 0.5 * (square - log_determinant + count * np.log(prior_precision))
     free -= count * math.log(axis.times)
     if not axis.periodic:
-        return np.asarray(free)
+        return free
     if count < 2:  # the size of a single balanced switch is 0, so it has no evidence
         return np.concatenate([free, np.full_like(free, -np.inf)])
     log_loss = 0.5 * (total**2 / variance + np.log(variance * prior_precision / count))

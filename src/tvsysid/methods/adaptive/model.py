@@ -74,13 +74,13 @@ class MixtureError(StandardError):
             below = ndtr(_as_normal(apart, freedom)) @ weights
             low = np.where(below < share, middle, low)
             high = np.where(below < share, high, middle)
-        return np.asarray((low + high) / 2)
+        return (low + high) / 2
 
 
 def _as_normal(multiple: Array | float, freedom: float) -> Array:
     """Return the normal deviate with the probability of Student's t, to 0.2 % (Wallace 1959)."""
     root = np.sqrt(freedom * np.log1p(multiple**2 / freedom))
-    return np.asarray(np.copysign(root * (8 * freedom + 1) / (8 * freedom + 3), multiple))
+    return np.copysign(root * (8 * freedom + 1) / (8 * freedom + 3), multiple)
 
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)

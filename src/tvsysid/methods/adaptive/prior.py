@@ -80,7 +80,7 @@ class Axis(NamedTuple):
         offset = np.subtract(later, earlier)
         if self.periodic:
             offset = offset - self.times * np.floor(offset / self.times + 0.5)
-        return np.asarray(offset)
+        return offset
 
     def steps(self, positions: Array, recorded: bool = False) -> Array:
         """Return unit steps at positions, averaged over realizations, shape (time, position).
@@ -100,7 +100,7 @@ class Axis(NamedTuple):
     def jitter_variance(self, positions: Array) -> Array:
         """Return the variance of the mean of jittered unit steps, shape (time, position)."""
         share = ndtr(self.offset(np.arange(self.times)[:, None], positions) / self.jitter)
-        return np.asarray(share * (1 - share) / self.realizations)
+        return share * (1 - share) / self.realizations
 
 
 @lru_cache(maxsize=8)
@@ -120,12 +120,12 @@ def fourier_features(axis: Axis) -> Array:
 
 def squared_exponential(frequencies: Array) -> Array:
     """Return the spectrum of a smooth kernel at angular frequencies times its length."""
-    return np.asarray(np.exp(-(frequencies**2) / 2))
+    return np.exp(-(frequencies**2) / 2)
 
 
 def matern(frequencies: Array) -> Array:
     """Return the spectrum of the Matérn 3/2 kernel, which suits corners."""
-    return np.asarray((1 + frequencies**2 / 3) ** -2.0)
+    return (1 + frequencies**2 / 3) ** -2.0
 
 
 def smooth_priors(axis: Axis) -> list[SmoothPrior]:

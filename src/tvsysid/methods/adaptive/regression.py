@@ -249,7 +249,7 @@ class FreeRegression:
 def floored(power: Array) -> Array:
     """Return the power (..., time), at least a small share of its mean over time."""
     floor = MIN_POWER * power.mean(axis=-1, keepdims=True) + np.finfo(float).tiny
-    return np.asarray(np.maximum(power, floor))
+    return np.maximum(power, floor)
 
 
 def inverse_root(matrix: Array) -> Array:
@@ -330,7 +330,7 @@ class FreeCoefficient(NamedTuple):
 
     def values(self, constants: Array, other: Array) -> Array:
         """Return the coefficient for given constants and the other free coefficient (time,)."""
-        return np.asarray(self.explaining @ np.append(-constants, 1.0) - self.coupling @ other)
+        return self.explaining @ np.append(-constants, 1.0) - self.coupling @ other
 
     def error(self, constants: Array, other: Array, inertia: Array) -> Array:
         """Return the covariance (time, time) of the values.

@@ -32,7 +32,7 @@ def whitening_filters(covariance: Array, independent: int, rate: float, periodic
     mode = "wrap" if periodic else "constant"
     strength = convolve1d(np.sum(filters @ covariance * filters, axis=1), window, mode=mode)
     strength /= convolve1d(np.ones(times), window, mode=mode)
-    return np.asarray(filters / np.sqrt(strength)[:, None])
+    return filters / np.sqrt(strength)[:, None]
 
 
 def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:

@@ -118,7 +118,7 @@ def unresolved(ensemble: Ensemble) -> Array:
     windows = sliding_window_view(line, filters.shape[1], axis=1)[:, ::ratio]
     fast = np.einsum("rtk,fk->frt", windows, filters)
     slow = filtered(ensemble.angle, intrinsic_filters(rate)[1][1:3])
-    return np.asarray(np.nan_to_num(fast - slow))
+    return np.nan_to_num(fast - slow)
 
 
 def muscle(shape: Array, samples: int, rate: float) -> Array:
@@ -131,7 +131,7 @@ def muscle(shape: Array, samples: int, rate: float) -> Array:
     root = max(np.emath.sqrt(damping**2 - 1), 1e-4, key=abs)
     late = np.maximum(np.arange(samples) / rate - shape[DELAY], 0.0) * frequency
     response = np.exp(-damping * late) * (np.sinh(root * late) / root).real
-    return np.asarray(response / response.sum())
+    return response / response.sum()
 
 
 @attrs.frozen(eq=False)
@@ -191,7 +191,7 @@ class Data:
         See :func:`tvsysid.numerics.second_order.response_readout`.
         """
         lags, filters = intrinsic_filters(self.ensemble.sampling_rate)
-        return np.asarray(response_readout(lags) @ filters.T)
+        return response_readout(lags) @ filters.T
 
     @property
     def folds(self) -> list[slice]:
@@ -340,12 +340,12 @@ class Data:
     def over_time(self, coefficients: Array) -> Array:
         """Return the coefficient of each signal at all times (time, signal)."""
         is_own = np.repeat(np.eye(len(self.signals)), self.sizes, axis=0)
-        return np.asarray((self.functions * coefficients) @ is_own)
+        return (self.functions * coefficients) @ is_own
 
     def squares(self, values: Array) -> Array:
         """Return the weighted squares of values (realization, time), one for each realization."""
-        return np.asarray(np.sum(values * self.weighted(values), axis=1))
+        return np.sum(values * self.weighted(values), axis=1)
 
 
 def _matrix(correlation: Array, times: int) -> Array:
-    return np.asarray(toeplitz(np.pad(correlation, (0, times))[:times]))
+    return toeplitz(np.pad(correlation, (0, times))[:times])

@@ -78,7 +78,7 @@ class Fit:
         found = scipy.optimize.minimize(
             cost, start, jac=True, method="L-BFGS-B", bounds=BOUNDS, options=options
         )
-        return np.asarray(found.x)
+        return found.x
 
     @cached_property
     def reflex_columns(self) -> Array:
@@ -117,7 +117,7 @@ class Fit:
     def spread(self) -> Array:
         """Return the prior standard deviations with the hyperparameters of the fit."""
         offset, design = self.prior
-        return np.asarray(np.exp(offset + design @ self.parameters))
+        return np.exp(offset + design @ self.parameters)
 
     def solved(self, moments: Moments) -> Posterior:
         """Return the posterior of the coefficients from moments of all or some realizations."""
@@ -182,7 +182,7 @@ class Fit:
         impedance = [data.features(each) for each in np.concatenate(weights)]
         gain = data.gain(time / data.ensemble.duration)
         rows = block_diag(np.concatenate(impedance), gain)
-        return np.asarray(rows).reshape(-1, len(time), rows.shape[1])
+        return rows.reshape(-1, len(time), rows.shape[1])
 
     def limited(self) -> Fit:
         """Return the fit with the same hyperparameters, without negative viscosity and gain.
@@ -219,7 +219,7 @@ class Fit:
         coloured = data.moments(self.late_columns).gram
         variance = float(np.sum(left**2)) / self.freedom
         prior = self.posterior.noise_variance * (inverse * self.precision) @ inverse
-        return np.asarray(variance * inverse @ coloured @ inverse + prior)
+        return variance * inverse @ coloured @ inverse + prior
 
     @property
     def precision(self) -> Array:

@@ -122,21 +122,21 @@ class Kernel:
         """
         periodic, slow = self.periodic_features(phase), self.slow_features(clock)
         products = np.einsum("rtw,rts->wst", periodic, slow) / max(len(phase), len(clock))
-        return np.asarray(products[self.wave, self.slow].T)
+        return products[self.wave, self.slow].T
 
     def sums(self, phase: Array, clock: Array, coefficients: Array) -> Array:
         """Return columns times ``coefficients`` (quantity, column), (*time, quantity)."""
         weights = np.zeros((2 * self.highest + 1, len(coefficients), self.functions))
         weights[self.wave, :, self.slow] = coefficients.T
         of_slow = np.tensordot(self.periodic_features(phase), weights, 1)
-        return np.asarray(np.einsum("...qj,...j->...q", of_slow, self.slow_features(clock)))
+        return np.einsum("...qj,...j->...q", of_slow, self.slow_features(clock))
 
 
 def clocks_of(ensemble: Ensemble) -> Array:
     """Return the onset in s of each realization on one clock, with trials one after another."""
     span = float(np.ptp(ensemble.onsets)) + ensemble.duration
     _, number = np.unique(ensemble.trials, return_inverse=True)
-    return np.asarray(ensemble.onsets + number * span)
+    return ensemble.onsets + number * span
 
 
 def log_harmonic_variances(l1: float, harmonics: int) -> tuple[Array, Array]:
@@ -165,7 +165,7 @@ def harmonic_variances(l1: float) -> Array:
     """Return the variances of a constant and the harmonics that matter. Their sum is 1."""
     count = math.ceil(min(10 + 8 * math.sqrt(1 / (2 * l1)), 2 * MAX_SIZE))
     variances = np.exp(log_harmonic_variances(l1, count)[0])
-    return np.asarray(variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1])
+    return variances[: int(np.flatnonzero(variances > TOLERANCE)[-1]) + 1]
 
 
 def decay_features(first: float, span: float, l2: float) -> tuple[Array, Array, Array]:
@@ -187,4 +187,4 @@ def decay_features(first: float, span: float, l2: float) -> tuple[Array, Array, 
 
 def decay(time: Array, other: Array, l2: float) -> Array:
     r"""Return the decay :math:`e^{-(t - t')^2 / l_2^2}`, shape (*time, other time)."""
-    return np.asarray(np.exp(-(((time[..., None] - other) / l2) ** 2)))
+    return np.exp(-(((time[..., None] - other) / l2) ** 2))

@@ -139,7 +139,7 @@ def external_terms(samples: int, lost: int) -> ComplexArray:
     terms, known = np.zeros((EXTERNAL_TERMS, samples)), slice(lost, samples - lost)
     turns = np.outer(np.arange(EXTERNAL_TERMS), np.arange(samples) + 0.5) / samples
     terms[:, known] = np.cos(np.pi * turns[:, known])
-    return np.asarray(rfft(terms, norm="ortho"))
+    return rfft(terms, norm="ortho")
 
 
 def runs_of(ensembles: Sequence[Ensemble], kernel: Kernel, band: tuple[float, float]) -> list[Runs]:

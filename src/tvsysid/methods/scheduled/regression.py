@@ -85,7 +85,7 @@ class Regression(NamedTuple):
     @property
     def total(self) -> Array:
         """Return the products of the values in all folds."""
-        return np.asarray(self.moments.sum(axis=0))
+        return self.moments.sum(axis=0)
 
     @property
     def coefficients(self) -> Array:
@@ -162,7 +162,7 @@ class Regression(NamedTuple):
         taper = (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
         inverse = np.linalg.inv(self.total[:-2, :-2] + np.diag(self.ridge))
         coloured = coloured_moments(columns, residual, taper)
-        return np.asarray(inverse @ coloured @ inverse * len(residual) / freedom)
+        return inverse @ coloured @ inverse * len(residual) / freedom
 
     def readout(self, part: str, weights: Array) -> Array:
         """Return the matrix (degree, column) that turns all coefficients into those of a quantity.
@@ -186,7 +186,7 @@ def explained(moments: Array, coefficients: Array) -> Array:
     def variance(weights: Array) -> Array:
         products = weights @ moments
         mean_square = np.sum(products * weights, axis=-1)
-        return np.asarray(mean_square - products[..., -1] ** 2 / moments[..., -1:, -1])
+        return mean_square - products[..., -1] ** 2 / moments[..., -1:, -1]
 
     left = np.insert(-coefficients, [size, size], [1.0, 0.0], axis=-1)
     return 100 * (1 - variance(left) / variance(np.eye(size + 2)[-2:-1]))

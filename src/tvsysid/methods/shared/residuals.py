@@ -70,7 +70,7 @@ def second_order_torque(ensemble: Ensemble, impedance: Array) -> Array:
     derivatives are.
     """
     parts = map(np.multiply, np.moveaxis(impedance, -1, 0), ensemble.derivatives())
-    return np.asarray(sum(parts))
+    return sum(parts)
 
 
 def second_order_residual(ensemble: Ensemble, impedance: Array) -> tuple[Array, int]:
@@ -127,7 +127,7 @@ def noise_correlation(covariance: Array, absorbed: Array) -> Array:
     if covariance[0] <= 0:
         return np.asarray(np.arange(len(absorbed)) == 0, dtype=np.float64)
     variance = covariance[0] / max(1 - absorbed[0], MIN_RESIDUAL_SHARE)
-    return np.asarray(np.concatenate([[1.0], covariance[1:] / variance + absorbed[1:]]))
+    return np.concatenate([[1.0], covariance[1:] / variance + absorbed[1:]])
 
 
 def noise_colour(
@@ -157,7 +157,7 @@ def noise_colour(
     products = angle_products(ensemble.angle, filters.shape[1], lags)
     regressors = regressor_covariances(filters, products)
     share = absorbed * len(ensemble) / independent_realizations(ensemble)
-    correlated = np.asarray(share * regressor_correlation(regressors))
+    correlated = share * regressor_correlation(regressors)
     noise = noise_correlation(autocovariance(residuals, lags), correlated)
     return noise, colour_factors(regressors, noise * overlap)
 

@@ -14,12 +14,12 @@ from tvsysid.methods.adaptive.averaging import Hypothesis, Mixture, ModelAverage
 from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches_of
 from tvsysid.methods.adaptive.regression import A, FreeRegression, Regressors, V
 from tvsysid.methods.adaptive.search import CurveModel
-from tvsysid.methods.adaptive.whitening import pooling_reach
 from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Selection, fit_again
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
 from tvsysid.numerics.differentiation import HALF_WIDTH
+from tvsysid.numerics.whitening import pooling_reach
 from tvsysid.signals import Ensemble
 
 MIN_REALIZATIONS = 4

@@ -18,7 +18,6 @@ from scipy.ndimage import convolve1d
 from tvsysid.methods.adaptive.averaging import Mixture
 from tvsysid.methods.adaptive.evidence import FreeEstimate
 from tvsysid.methods.adaptive.prior import DECIMATOR_REACH, USUAL_FILTER_REACH, Axis
-from tvsysid.methods.adaptive.whitening import MISFIT_TIME, whitening_filters
 from tvsysid.methods.base import missing_edge
 from tvsysid.methods.cascade.cascade import JointCascadeModel, joint_model
 from tvsysid.methods.cascade.search import Selection
@@ -27,6 +26,7 @@ from tvsysid.numerics import Array
 from tvsysid.numerics.decimation import decimation_weights
 from tvsysid.numerics.differentiation import HALF_WIDTH
 from tvsysid.numerics.gaussian import Moments, solve
+from tvsysid.numerics.whitening import MISFIT_TIME, whitening_filters
 from tvsysid.signals import Ensemble
 
 LOW_BAND = decimation_weights(1 / 0.6, 21)  # passes frequencies that decimation leaves as they are

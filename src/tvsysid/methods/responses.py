@@ -10,7 +10,7 @@ from tvsysid.arrays import read_only
 from tvsysid.dataset_layout import Labelled
 from tvsysid.models import Model
 from tvsysid.numerics import Array
-from tvsysid.numerics.gaussian import FittedWeights
+from tvsysid.numerics.gaussian import FittedWeights, Posterior
 from tvsysid.numerics.moments import convolve_lags
 from tvsysid.signals import Ensemble
 
@@ -78,7 +78,7 @@ class SecondOrderModel(Model):
     ``labels`` name the function that each coefficient multiplies.
     """
 
-    posterior: FittedWeights
+    posterior: Posterior | FittedWeights
     labels: tuple[str, ...]
 
     @property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any, Literal
 
 import attrs
@@ -170,18 +169,22 @@ class KernelRegression(shared.ReferenceMethod):
         variances = np.broadcast_to(self.gamma, 3) * scale**2 / 2
         precision = np.outer(1 / variances, kernel.precision).ravel()
         posterior = fitted_weights(moments, precision)
-        residuals = residuals_of(ensemble, kernel, posterior.mean)
+        impedances = impedance_over(ensemble, kernel, posterior.mean)
         for _ in range(REWEIGHTED * (self.weighting == "residual")):
-            runs = whitened(runs, residuals)
+            runs = whitened(runs, residuals_of(ensemble, impedances))
             posterior = fitted_weights(moments_of(runs, kernel), precision)
-            residuals = residuals_of(ensemble, kernel, posterior.mean)
+            impedances = impedance_over(ensemble, kernel, posterior.mean)
+        residuals = residuals_of(ensemble, impedances)
         edge = base.missing_edge(HALF_WIDTH, ensemble)
         # If each run is a single realization, none has derivatives at its ends.
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
-        columns = kernel.means(*times_of(ensemble, kernel))
-        known = columns[missing : ensemble.samples - missing]
-        impedance = known @ posterior.mean.reshape(3, -1).T
-        errors = partial(self._errors, posterior, known, residuals, instrument)
+        known = slice(missing, ensemble.samples - missing)
+        impedance = base.padded(impedances.mean(axis=0)[known], missing)
+
+        def errors() -> dict[str, StandardError]:
+            columns = kernel.means(*times_of(ensemble, kernel))[known]
+            return self._errors(posterior, columns, residuals, instrument)
+
         details = {
             "noise_variance": 2 * posterior.noise_variance,  # of the complex error
             "second_order_agreement": shared.residual_agreement(instrument, residuals, edge),
@@ -189,7 +192,7 @@ class KernelRegression(shared.ReferenceMethod):
         return KernelModel(
             sampling_rate=ensemble.sampling_rate,
             time=ensemble.time,
-            estimates=shared.impedance_estimates(base.padded(impedance, missing), errors),
+            estimates=shared.impedance_estimates(impedance, errors),
             posterior=posterior,
             labels=tuple(f"{name} {j}" for name in IMPEDANCE for j in range(kernel.column_count)),
             kernel=kernel,
@@ -198,7 +201,11 @@ class KernelRegression(shared.ReferenceMethod):
         )
 
     def _errors(
-        self, posterior: FittedWeights, columns: Array, residuals: Array, instrument: Ensemble
+        self,
+        posterior: Posterior | FittedWeights,
+        columns: Array,
+        residuals: Array,
+        instrument: Ensemble,
     ) -> dict[str, StandardError]:
         """Return the standard errors of means over realizations.
 
@@ -238,7 +245,7 @@ class KernelRegression(shared.ReferenceMethod):
         return search.evidence_of(tried, self, endless.scale)
 
 
-def fitted_weights(moments: Moments, precision: Array) -> FittedWeights:
+def fitted_weights(moments: Moments, precision: Array) -> Posterior | FittedWeights:
     r"""Fit the weights under a prior precision (column,) and find the noise variance they leave.
 
     .. math:: y = X w + e, \qquad e \sim N(0, \sigma^2 I), \qquad w \sim N(0, P^{-1}), \qquad
@@ -265,8 +272,10 @@ def fitted_weights(moments: Moments, precision: Array) -> FittedWeights:
         if abs(wanted - noise) <= CONVERGED * noise:
             break
         noise = wanted
+    if isinstance(found, Posterior):  # its covariance is computed only where it is needed
+        return found
     covariance = found.covariance * (noise / found.noise_variance)
-    return FittedWeights(found.mean, covariance, noise, found.effective)
+    return found._replace(covariance=covariance, noise_variance=noise)
 
 
 def weights_by_instruments(moments: Moments, precision: Array, noise: float) -> FittedWeights:
@@ -345,10 +354,9 @@ def impedance_over(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> A
     return kernel.sums(*times_of(ensemble, kernel), coefficients.reshape(3, -1))
 
 
-def residuals_of(ensemble: Ensemble, kernel: Kernel, coefficients: Array) -> Array:
+def residuals_of(ensemble: Ensemble, impedances: Array) -> Array:
     """Return the residual torque (realization, time) where the angle's derivatives are known."""
     edge = base.missing_edge(HALF_WIDTH, ensemble)
-    impedances = impedance_over(ensemble, kernel, coefficients)
     residuals = ensemble.torque[:, ensemble.core] - shared.second_order_torque(ensemble, impedances)
     return residuals[:, edge : ensemble.samples - edge]
 

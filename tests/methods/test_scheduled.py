@@ -95,14 +95,29 @@ def test_the_regression_is_least_squares_also_of_folds(random):
 
     every = np.arange(400)
     left, solution = left_by(every, every)
-    np.testing.assert_allclose(fit.coefficients, solution, rtol=1e-5)
+    np.testing.assert_allclose(fit.posterior.mean, solution, rtol=1e-5)
     vaf = [
         100 * (1 - left_by(np.setdiff1d(every, fold), fold)[0].var() / torque[fold].var())
         for fold in np.split(every, 5)
     ]
     np.testing.assert_allclose(fit.held_out(Orders(0, 1), "intrinsic")[1], vaf, rtol=1e-5)
-    vaf = explained(fit.total, fit.coefficients[None])[0]
+    vaf = explained(fit.total, fit.posterior.mean[None])[0]
     assert vaf == pytest.approx(100 * (1 - left.var() / torque.var()))
+
+
+def test_the_intrinsic_order_is_chosen_again_beside_the_best_order_of_the_reflex(random):
+    vaf = {(0, 0): 1, (1, 0): 2, (2, 0): 3, (0, 1): 9, (1, 1): 5, (2, 1): 4}
+
+    class Table(Regression):
+        def held_out(self, orders, part):
+            degrees = range(getattr(orders, part) + 1)
+            tried = (orders._replace(**{part: each}) for each in degrees)
+            return np.array([[float(vaf[each.intrinsic, each.positive])] * 5 for each in tried])
+
+    parts = {"intrinsic": Part(random.normal(size=(1, 3, 1, 400)), {})}
+    fit = Table(*Regression.of(parts, tv.Ensemble(*random.normal(size=(2, 1, 400)), 100.0)))
+    orders = [Orders(0, *each) for each in vaf]
+    assert fit.best_orders(sorted(orders), "positive") == (Orders(0, 0, 1), 9.0)
 
 
 def test_a_torque_at_rest_that_follows_the_variable_is_told_and_can_be_taken_out(noisy, found):

@@ -25,7 +25,7 @@ from tvsysid.validators import not_negative, optional, positive, text
 
 NO_BAND = "the method's authors state none for two pathways that are identified in turn"
 MIN_REALIZATIONS = 3  # with their past: of fewer there is nothing to average over
-MAX_MEMORY_SAMPLES = 250  # with twice as many, tvpc and bpc take an hour
+MAX_MEMORY_SAMPLES = 250  # with twice as many, tvpc and bpc take long
 MAX_TURNS = 30  # of either pathway
 
 
@@ -68,13 +68,14 @@ class AlternatingCascade(TwoPathwayMethod):
         past = history(ensemble, ensemble.angle, before)
         count = int(np.isfinite(past).all(axis=1).sum())
         enough = count >= MIN_REALIZATIONS and ensemble.context >= after
-        if enough and before <= MAX_MEMORY_SAMPLES:
+        shortest = after + 2  # three lags of the reflex
+        if enough and shortest <= before <= MAX_MEMORY_SAMPLES:
             return None
         return (
             f"{count} of {len(ensemble)} realizations have {self.memory:g} s recorded before "
             f"them, and {MIN_REALIZATIONS} are needed, with {self.max_lag:g} s after them; the "
-            f"memory has {before} samples, at most {MAX_MEMORY_SAMPLES} are taken; cut with more "
-            "context (--context), shorten memory, or decimate to some 100 Hz"
+            f"memory has {before} samples, and {shortest} to {MAX_MEMORY_SAMPLES} are needed; cut "
+            "with more context (--context), change memory, or decimate to some 100 Hz"
         )
 
     def fit(self, ensemble: Ensemble) -> TwoPathwayModel:
@@ -133,6 +134,7 @@ class AlternatingCascade(TwoPathwayMethod):
             if share > unexplained - self.min_gain:
                 break
             reflex, explained, unexplained = weights, answer, share
+        # ``intrinsic`` is fitted beside the last ``reflex`` that was kept.
         return cast(ImpulseResponseModel, self.one_pathway.fit(intrinsic)), reflex * rate
 
 
@@ -216,7 +218,7 @@ class BasisCascade(AlternatingCascade):
     basis
         Basis functions of normalised time; see :class:`BasisIRF`.
     emg
-        Channel, rectified, that drives the reflex instead of the velocity.
+        Rectified channel that drives the reflex instead of the velocity.
 
     Notes
     -----

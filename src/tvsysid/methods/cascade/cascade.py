@@ -210,7 +210,7 @@ def joint_model(selection: Selection) -> JointCascadeModel:
     over_time = data.over_time(used.posterior.mean[: data.intrinsic_count])
 
     def estimate(fit: Fit, quantity: int, unit: str) -> Estimate:
-        """Return a quantity where samples are fitted. Limited ones are negative by rounding."""
+        """Return a quantity where samples are fitted, at least 0 if it is limited to that."""
         features, count = fit.quantities[quantity], len(fit.posterior.mean)
         covariance = fit.covariance[:count, :count]
         minimum = 0.0 if fit.signs[quantity] > 0 else -np.inf

@@ -169,7 +169,7 @@ class Data:
         sizes = np.sum(known_from <= known_from[:, None], axis=1) * (last - known_from)
         if not sizes.max() > 0:
             raise InputError(
-                f"JointCascade: the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
+                f"the reflex needs {NEEDED_HISTORY_S:g} s of record before a fitted "
                 f"sample; realizations have {ensemble.duration:g} s with "
                 f"{ensemble.context / rate:g} s of context; give longer ones"
             )
@@ -299,10 +299,10 @@ class Data:
         rate = self.ensemble.sampling_rate
         before = round(HISTORY_S * rate)
         drive = attrs.evolve(drive, threshold=float(shape[THRESHOLD]))
-        known = driven(self.ensemble, drive, before)[self.rows]
+        past = driven(self.ensemble, drive, before)[self.rows]
         steps = np.arange(self.times.start - before, self.times.stop)
         gain = self.gain((steps / rate + shape[DELAY]) / self.ensemble.duration) @ coefficients
-        arriving = deviations(known[:, steps + before]) * gain.T[:, None]
+        arriving = deviations(past[:, steps + before]) * gain.T[:, None]
         response = np.tile(muscle(shape, before + 1, rate), (self.torque.shape[1], 1))
         torque = convolve_lags(arriving.reshape(-1, len(steps)), response)
         return torque.reshape(-1, *self.torque.shape)

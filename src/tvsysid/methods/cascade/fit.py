@@ -49,7 +49,7 @@ class Fit:
     free
         How many numbers of the shape are estimated: the first ones.
     parameters
-        Hyperparameters; by default those that ``tuned`` returns.
+        Hyperparameters. If they are not given, ``tuned`` searches for them when the fit is made.
     positive
         Rows (row, column) whose products with the coefficients must not be negative.
     """
@@ -262,7 +262,7 @@ def posterior_of(moments: Moments, spread: Array, positive: Array | None = None)
     found = solve(moments, spread**-2)
     mean, left = found.mean, found.penalized_residual
     if positive is not None:
-        # In these coordinates, the density falls with the distance from the free mean.
+        # The mean is u times the inverse factor. The density falls with u's distance from free.
         free, normals = found.inverse_factor @ moments.cross, found.inverse_factor @ positive.T
         normals /= np.linalg.norm(normals, axis=0)
         size = np.linalg.norm(free)

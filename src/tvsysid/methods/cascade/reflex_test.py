@@ -33,7 +33,7 @@ class ReflexTest(NamedTuple):
     whichever has the larger absolute gain. ``over_none`` and ``over_linear`` are the p-values of
     whether the reflex predicts better than no reflex, and than a late response that is the same in
     both directions. ``share`` is the smallest share of the squared error that the reflex explains
-    (confidence 95 %); it is negative where none is certain.
+    (confidence 95 %); it is not above 0 where none is certain.
     """
 
     direction: int

@@ -93,16 +93,16 @@ def _fitted(data: Data, drive: Stretch, shape: Array, free: int) -> Fit:
     """Return the fit of a drive. The data choose whether coefficients change over time."""
     start = Fit(data.constant, drive, shape, free, USUAL_PARAMETERS).improved()
 
-    def fitted_to(data: Data) -> Fit:  # with the shape found for constant coefficients
-        return Fit(data, drive, start.shape, free)
+    def fitted_to(weighted: Data) -> Fit:  # with the shape found for constant coefficients
+        return Fit(weighted, drive, start.shape, free)
 
     residual = fitted_to(data).residual
     whitened = attrs.evolve(data, noise=autocorrelation(residual))
     fit, constant = fitted_to(whitened), fitted_to(whitened.constant)
     if not _is_better(fit, constant):
         fit, data = constant, data.constant
-    plain = attrs.evolve(fit, data=data)
-    # Unknown if there is a single fold
+    plain = attrs.evolve(fit, data=data)  # without whitening
+    # NaN if there is a single fold
     if fit.left_share() > (1 + MAX_MISFIT) * plain.left_share():
         fit = fitted_to(attrs.evolve(data, noise=autocorrelation(residual, WHITE_FLOOR)))
     return fit

@@ -122,9 +122,9 @@ class KernelRegression(shared.ReferenceMethod):
     of the angle-dependent torque that order 2 explains.
 
     The bands are those of the posterior, which assumes white noise within the band, times a factor
-    for the noise's colour (:func:`tvsysid.numerics.noise.colour_factors`). They cover smoothing
-    bias only if stiffness is as smooth as the kernel says: near a switch, the truth lies
-    outside the bands.
+    for the noise's colour if the weighting is ``"white"``
+    (:func:`tvsysid.numerics.noise.colour_factors`). They cover smoothing bias only if stiffness is
+    as smooth as the kernel says: near a switch, the truth lies outside the bands.
     """
 
     # The paper's settings for its simulated study (section 3.2.5).

@@ -21,7 +21,7 @@ DIRECTIONS = {"positive": 1, "negative": -1}  # of the velocity that drives a re
 
 
 class Orders(NamedTuple):
-    """Degrees of the polynomials of each part of the torque; -1 for a part that there is not.
+    """Degrees of the polynomials of each part of the torque; -1 for a reflex that there is not.
 
     A reflex is driven by ``positive`` or by ``negative`` velocity.
     """
@@ -60,7 +60,7 @@ class Curves(NamedTuple):
 
     @property
     def grid(self) -> Array:
-        """Values of the variable at which estimates are stated."""
+        """Values of the variable at which estimates are stated, and along which bands hold."""
         return np.linspace(*self.limits, GRID)
 
     def at(self, values: Array, axes: tuple[str, ...]) -> dict[str, Estimate]:

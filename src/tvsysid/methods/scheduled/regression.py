@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tvsysid.errors import InputError
 from tvsysid.methods.scheduled.model import Orders, Parts
 from tvsysid.numerics import Array
-from tvsysid.numerics.gaussian import Moments, solve
+from tvsysid.numerics.gaussian import Moments, Posterior, solve
 from tvsysid.numerics.noise import coloured_moments
 from tvsysid.signals import Ensemble
 
@@ -26,9 +26,10 @@ TIED = 0.5  # standard errors over folds by which lower orders may predict worse
 class Regression(NamedTuple):
     """Signals of an ensemble in one line of time.
 
-    ``values`` (column + 2, sample) are the regressors of all parts of the torque, the torque, and
-    ones. They are 0 where one of them is not known. ``part`` and ``degree`` (column,) are the
-    position in :class:`Orders` of each regressor's part and the degree of its polynomial.
+    ``values`` (column + 2, sample) are the columns of the regression, which are the regressors of
+    all parts of the torque, then the torque, and ones. They are 0 where one of them is not known.
+    ``part`` and ``degree`` (column,) are the position in :class:`Orders` of each regressor's part
+    and the degree of its polynomial.
     ``ridge`` (column,) is added to the regressors' squares, for columns that are nearly collinear.
     ``moments`` (fold, column + 2, column + 2) are the products of the values in each fold.
     """
@@ -88,10 +89,9 @@ class Regression(NamedTuple):
         return self.moments.sum(axis=0)
 
     @property
-    def coefficients(self) -> Array:
-        """Return the least-squares coefficients (column,)."""
-        gram, cross = self.total[:-2, :-2] + np.diag(self.ridge), self.total[:-2, -2]
-        return np.asarray(np.linalg.solve(gram, cross), dtype=np.float64)
+    def posterior(self) -> Posterior:
+        """Return the least-squares coefficients and their inverse factor."""
+        return solve(Moments.of(self.total[:-1, :-1], self.total[-1, -1]), self.ridge)
 
     def held_out(self, orders: Orders, part: str) -> Array:
         """Return the VAF (degree, fold) of each fold by a fit to the others, in per cent.
@@ -104,13 +104,13 @@ class Regression(NamedTuple):
         rows = np.append(columns, [-2, -1])
         moments = self.moments[:, rows[:, None], rows]
         others = moments.sum(axis=0) - moments
-        cross = others[:, :-2, -2]
-        # In the columns made orthonormal in their order, lower orders have the same coefficients.
-        white = [
-            solve(Moments(*each, 0.0, 0.0), self.ridge[columns]).inverse_factor
-            for each in zip(others[:, :-2, :-2], cross, strict=True)
+        # An inverse Cholesky factor makes columns orthonormal in their order. So the fit to the
+        # first of them is a partial sum.
+        factors = [
+            solve(Moments.of(each[:-1, :-1], 0.0), self.ridge[columns]).inverse_factor
+            for each in others
         ]
-        terms = white * (white @ cross[..., None])
+        terms = factors * (factors @ others[:, :-2, -2:-1])
         last = np.cumsum(np.bincount(degree)) - 1
         return explained(moments, np.cumsum(terms, axis=1)[:, last]).T
 
@@ -133,10 +133,11 @@ class Regression(NamedTuple):
                 "order or a shorter memory"
             )
         best, vaf = orders[0], dict[Orders, Array]()
-        pairs = (reflex, "intrinsic"), ("intrinsic", reflex)
-        for fixed, part in (*pairs, pairs[0]):
-            tried = [each for each in orders if getattr(each, fixed) == getattr(best, fixed)]
-            if tried[-1] not in vaf:
+        for part in ("intrinsic", reflex, "intrinsic"):
+            tried = [
+                each for each in orders if each == best._replace(**{part: getattr(each, part)})
+            ]
+            if not vaf.keys() >= set(tried):
                 held_out = self.held_out(tried[-1], part)
                 vaf |= {each: held_out[getattr(each, part)] for each in tried}
             best = max(vaf, key=lambda each: float(vaf[each].mean()))
@@ -154,13 +155,14 @@ class Regression(NamedTuple):
 
         .. math:: A^{-1} X \Sigma X^T A^{-1}
 
-        with :math:`\Sigma` the autocovariance of the residual under a half Hann window, times
-        the number of samples for each degree of ``freedom``.
+        A are the products of the columns X plus the ridge, :math:`\Sigma` is the autocovariance of
+        the residual under a half Hann window, times the number of samples for each degree of
+        ``freedom``.
         """
         columns, lags = self.values[:-2], round(MAX_COLOUR_S * rate)
-        residual = self.values[-2] - self.coefficients @ columns
+        residual = self.values[-2] - self.posterior.mean @ columns
         taper = (1 + np.cos(np.pi * np.arange(lags + 1) / (lags + 1))) / 2
-        inverse = np.linalg.inv(self.total[:-2, :-2] + np.diag(self.ridge))
+        inverse = self.posterior.covariance
         coloured = coloured_moments(columns, residual, taper)
         return inverse @ coloured @ inverse * len(residual) / freedom
 
@@ -183,10 +185,10 @@ def explained(moments: Array, coefficients: Array) -> Array:
     """
     size = coefficients.shape[-1]
 
-    def variance(weights: Array) -> Array:
+    def spread(weights: Array) -> Array:  # sum of squares about the mean
         products = weights @ moments
-        mean_square = np.sum(products * weights, axis=-1)
-        return mean_square - products[..., -1] ** 2 / moments[..., -1:, -1]
+        squares = np.sum(products * weights, axis=-1)
+        return squares - products[..., -1] ** 2 / moments[..., -1:, -1]
 
     left = np.insert(-coefficients, [size, size], [1.0, 0.0], axis=-1)
-    return 100 * (1 - variance(left) / variance(np.eye(size + 2)[-2:-1]))
+    return 100 * (1 - spread(left) / spread(np.eye(size + 2)[-2:-1]))

@@ -113,7 +113,7 @@ class Scheduled(base.Method):
             fits.append(highest.best_orders(tried, name))
         best, vaf_folds = max(fits, key=itemgetter(1))
         fit = highest.subset(best)
-        total, coefficients = fit.total, fit.coefficients
+        total, coefficients = fit.total, fit.posterior.mean
         # Columns of zeros have no coefficients: subtracting the mean removes a constant torque
         parameters = np.count_nonzero(coefficients)
         independent = independent_realizations(ensemble) / len(ensemble)
@@ -184,25 +184,27 @@ class Scheduled(base.Method):
 
         They lose their mean over realizations where the ensemble has lost its own.
         """
-        variable, degrees = ensemble.signal(self.variable), max(orders) + 1
-        powers = polynomials_of(variable[:, ensemble.core], limits, degrees)
+        delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
+        before = delay + memory - 1
+        past = history(ensemble, ensemble.signal(self.variable), before)
+        # With the degree first, as the regression takes them
+        polynomials = np.moveaxis(chebyshev_of(past, limits, max(orders) + 1), -1, 0).copy()
+        own_times = polynomials[..., before:]
         signals = {"rest": (np.ones((1, 1, 1)), {}), **self._intrinsic(ensemble, centre)}
         parts = {
             name: Part(
-                np.multiply(own[:, None], powers[: getattr(orders, name) + 1], order="C"), weights
+                np.multiply(own[:, None], own_times[: getattr(orders, name) + 1], order="C"),
+                weights,
             )
             for name, (own, weights) in signals.items()
         }
-        delay, memory = (base.whole_samples(each, ensemble) for each in (self.delay, self.memory))
         decay = TIME_CONSTANT_S * ensemble.sampling_rate
         responses = laguerre_filters(self.filters, memory, decay)
-        before = delay + memory - 1
-        past_powers = polynomials_of(history(ensemble, variable, before), limits, degrees)
         for name, direction in DIRECTIONS.items():
             order = getattr(orders, name)
             if order >= 0:
                 velocity = history(ensemble, Stretch(direction=direction)(ensemble), before)
-                drives = past_powers[: order + 1] * velocity
+                drives = polynomials[: order + 1] * velocity
                 reflex = filtered(drives, responses, delay, ensemble)
                 parts[name] = Part(reflex, {"reflex_gain": responses.sum(axis=1)})
         if ensemble.mean_subtracted:
@@ -218,11 +220,6 @@ class Scheduled(base.Method):
 
         Beside them are the weights (signal,) of each quantity.
         """
-
-
-def polynomials_of(values: Array, limits: tuple[float, float], count: int) -> Array:
-    """Return the Chebyshev polynomials of values, shape (polynomial, realization, time)."""
-    return np.ascontiguousarray(np.moveaxis(chebyshev_of(values, limits, count), -1, 0))
 
 
 def filtered(drives: Array, responses: Array, delay: int, ensemble: Ensemble) -> Array:
@@ -243,10 +240,10 @@ def filtered(drives: Array, responses: Array, delay: int, ensemble: Ensemble) ->
         line[:, :missing] = 0.0
         blocks = sliding_window_view(line, earlier + BLOCK, axis=1)[:, ::BLOCK]
         blocks = blocks.reshape(-1, earlier + BLOCK)
-        for columns, matrix in zip(out, matrices, strict=True):
-            torque = (blocks @ matrix).reshape(count, -1)[:, :size]
-            torque[:, :missing] = np.nan
-            columns[:, run] = torque.reshape(count, len(run), -1)
+        for filter_output, matrix in zip(out, matrices, strict=True):
+            output = (blocks @ matrix).reshape(count, -1)[:, :size]
+            output[:, :missing] = np.nan
+            filter_output[:, run] = output.reshape(count, len(run), -1)
     return out
 
 
@@ -268,10 +265,10 @@ class ScheduledIRF(Scheduled):
     variable
         Channel with the scheduling variable, in any unit.
     order
-        Degree p of the polynomials. If None, the degree from 0 to 10 that predicts folds best;
-        ``order`` in the diagnostics' details is the chosen one. Too low an order is biased, which
-        no band covers. Too high an order fits the record, but fails at other values of the
-        variable.
+        Degree p of the polynomials. If None, the lowest from 0 to 10 that predicts folds about as
+        well as the best; ``order`` in the diagnostics' details is the chosen one. Too low an order
+        is biased, which no band covers. Too high an order fits the record, but fails at other
+        values of the variable.
     reflex, reflex_order
         Whether there is a reflex pathway, and its degree q, chosen like p. Without the pathway,
         stiffness includes the torque of a reflex.

@@ -101,3 +101,8 @@ def test_realizations_without_their_past_are_left_out():
     assert method.skip(ensemble.select(range(0, 30, 2))).startswith(
         "0 of 15 realizations have 0.7 s recorded"
     )
+
+
+def test_a_memory_within_the_lags_of_the_intrinsic_response_is_refused():
+    ensemble, _ = changing(20.0)
+    assert "has 4 samples, and 6 to 250 are needed" in tv.BasisCascade(memory=0.04).skip(ensemble)

@@ -197,7 +197,7 @@ class AdaptiveRegression(base.Method):
             found["viscosity"] = average(free_viscosity, known.get("viscosity", ()))
             if found["viscosity"].probability(CurveModel.is_constant) > 0.5:
                 break
-        return model_of(repr(self), free, found)
+        return model_of(free, found)
 
 
 def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
@@ -216,7 +216,7 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
     return selection if selection.shown else None
 
 
-def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage]) -> AdaptiveModel:
+def model_of(free: FreeRegression, found: Mapping[str, ModelAverage]) -> AdaptiveModel:
     """Return the model with the posterior of stiffness, and of viscosity if there is no reflex."""
     ensemble = free.ensemble
     signals = free.signals
@@ -251,7 +251,6 @@ def model_of(name: str, free: FreeRegression, found: Mapping[str, ModelAverage])
         details["second_order_agreement"] = shared.residual_agreement(ensemble, residual, first)
     missing = signals.edges[0]
     return AdaptiveModel(
-        method=name,
         sampling_rate=rate,
         time=ensemble.time,
         estimates=estimates,

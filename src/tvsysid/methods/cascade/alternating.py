@@ -126,16 +126,16 @@ class AlternatingCascade(TwoPathwayMethod):
 
         explained, unexplained = np.zeros_like(torque), np.inf
         for _ in range(MAX_TURNS):
-            intrinsic = pathway(angle, torque - explained)
-            left = torque - convolve_lags(angle, self.weights(intrinsic))
+            intrinsic = self.weights(pathway(angle, torque - explained))
+            left = torque - convolve_lags(angle, intrinsic)
             weights = self.weights(pathway(past, left))
             answer = convolve_lags(past, weights)
             share = np.sum((left - answer) ** 2) / np.sum(torque**2)
             if share > unexplained - self.min_gain:
                 break
             reflex, explained, unexplained = weights, answer, share
-        # ``intrinsic`` is fitted beside the last ``reflex`` that was kept.
-        return cast(ImpulseResponseModel, self.one_pathway.fit(intrinsic)), reflex * rate
+        model = self.one_pathway.fit(pathway(angle, torque - explained))
+        return cast(ImpulseResponseModel, model), reflex * rate
 
 
 @attrs.frozen

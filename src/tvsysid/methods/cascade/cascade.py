@@ -209,11 +209,11 @@ def joint_model(selection: Selection) -> JointCascadeModel:
     known[data.times] = 1.0
     over_time = data.over_time(used.posterior.mean[: data.intrinsic_count])
 
-    def estimate(fit: Fit, quantity: int, unit: str) -> Estimate:
-        """Return a quantity where samples are fitted, at least 0 if it is limited to that."""
-        features, count = fit.quantities[quantity], len(fit.posterior.mean)
+    def estimate(fit: Fit, features: Array, sign: float, unit: str) -> Estimate:
+        """Return a quantity where samples are fitted, at least 0 if its sign is positive."""
+        count = len(fit.posterior.mean)
         covariance = fit.covariance[:count, :count]
-        minimum = 0.0 if fit.signs[quantity] > 0 else -np.inf
+        minimum = 0.0 if sign > 0 else -np.inf
         variance = np.einsum("tj,tj->t", features @ covariance, features)
         error = StandardError(
             np.sqrt(np.maximum(variance, 0.0)) * known[:, 0],
@@ -224,8 +224,11 @@ def joint_model(selection: Selection) -> JointCascadeModel:
         values = np.maximum(features @ fit.posterior.mean, minimum)
         return Estimate(values * known[:, 0], unit, error=error)
 
-    estimates = {name: estimate(used, index, UNITS[name]) for index, name in enumerate(IMPEDANCE)}
-    estimates["reflex_gain"] = estimate(fit, -1, drive.gain_unit)
+    impedance = zip(IMPEDANCE, used.quantities, used.signs, strict=False)
+    estimates = {
+        name: estimate(used, features, sign, UNITS[name]) for name, features, sign in impedance
+    }
+    estimates["reflex_gain"] = estimate(fit, fit.quantities[-1], fit.signs[-1], drive.gain_unit)
     response, reflex_lags = _reflex_response(selection)
     details = _details(selection)
     details["stiffness_fitted"] = float((over_time @ data.readout[0]).mean())

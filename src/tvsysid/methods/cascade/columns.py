@@ -303,7 +303,9 @@ class Data:
         steps = np.arange(self.times.start - before, self.times.stop)
         gain = self.gain((steps / rate + shape[DELAY]) / self.ensemble.duration) @ coefficients
         arriving = deviations(past[:, steps + before]) * gain.T[:, None]
-        response = np.tile(muscle(shape, before + 1, rate), (self.torque.shape[1], 1))
+        response = np.broadcast_to(
+            muscle(shape, before + 1, rate), (self.torque.shape[1], before + 1)
+        )
         torque = convolve_lags(arriving.reshape(-1, len(steps)), response)
         return torque.reshape(-1, *self.torque.shape)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, Literal
 
 import attrs
@@ -180,11 +181,7 @@ class KernelRegression(shared.ReferenceMethod):
         missing = edge if all(len(run) == 1 for run in ensemble.runs) else 0
         known = slice(missing, ensemble.samples - missing)
         impedance = base.padded(impedances.mean(axis=0)[known], missing)
-
-        def errors() -> dict[str, StandardError]:
-            columns = kernel.means(*times_of(ensemble, kernel))[known]
-            return self._errors(posterior, columns, residuals, instrument)
-
+        errors = partial(self._errors, posterior, kernel, known, residuals, instrument)
         details = {
             "noise_variance": 2 * posterior.noise_variance,  # of the complex error
             "second_order_agreement": shared.residual_agreement(instrument, residuals, edge),
@@ -203,14 +200,13 @@ class KernelRegression(shared.ReferenceMethod):
     def _errors(
         self,
         posterior: Posterior | FittedWeights,
-        columns: Array,
+        kernel: Kernel,
+        known: slice,
         residuals: Array,
         instrument: Ensemble,
     ) -> dict[str, StandardError]:
-        """Return the standard errors of means over realizations.
-
-        The ``columns`` (time, column) of the kernel are averaged over realizations, too.
-        """
+        """Return the standard errors of means over realizations, at ``known`` times."""
+        columns = kernel.means(*times_of(instrument, kernel))[known]
         low, high = (min(frequency / instrument.sampling_rate, 0.5) for frequency in self.band)
         # The posterior does not know that a mean over realizations was subtracted.
         factors = len(instrument) / shared.independent_realizations(instrument) * np.ones(3)
@@ -220,7 +216,7 @@ class KernelRegression(shared.ReferenceMethod):
             share, filters = posterior.effective / residuals.size, _in_band(filters, low, high)
             noise, coloured = shared.noise_colour(instrument, residuals, share, filters)
             factors *= coloured / power_in_band(noise, low, high)
-        blocks = posterior.covariance.reshape((3, columns.shape[1]) * 2)
+        blocks = posterior.covariance.reshape((3, kernel.column_count) * 2)
         return shared.posterior_errors(
             np.stack([columns] * 3),
             np.einsum("qiqj->qij", blocks),  # covariance of each quantity with itself

@@ -17,7 +17,7 @@ from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.signals import Array, Ensemble
 
 GRID = 61  # values of the variable at which estimates are stated
-DIRECTIONS = {"positive": 1, "negative": -1}  # of the velocity that drives a reflex
+REFLEXES = {"positive": 1, "negative": -1}  # of the velocity that drives a reflex
 
 
 class Orders(NamedTuple):
@@ -106,7 +106,7 @@ class ScheduledModel(Model):
         coefficients = self.coefficients
         for name, (regressors, _) in self.parts(ensemble).items():
             own, coefficients = np.split(coefficients, [regressors[..., 0, 0].size])
-            pathway = "reflex" if name in DIRECTIONS else "intrinsic"
+            pathway = "reflex" if name in REFLEXES else "intrinsic"
             torque = np.tensordot(own.reshape(regressors.shape[:2]), regressors, 2)
             torques[pathway] = torques.get(pathway, 0.0) + torque
         return torques

@@ -19,7 +19,7 @@ from scipy.linalg import convolution_matrix
 from tvsysid.methods import base
 from tvsysid.methods.pathways import Stretch, history
 from tvsysid.methods.scheduled.model import (
-    DIRECTIONS,
+    REFLEXES,
     Curves,
     Orders,
     Part,
@@ -29,6 +29,7 @@ from tvsysid.methods.scheduled.model import (
 from tvsysid.methods.scheduled.regression import Regression, explained
 from tvsysid.methods.shared.residuals import independent_realizations
 from tvsysid.models import IMPEDANCE, Diagnostics
+from tvsysid.numerics.bands import mean_known
 from tvsysid.numerics.bases import chebyshev_of
 from tvsysid.numerics.laguerre import laguerre_filters
 from tvsysid.numerics.second_order import response_readout
@@ -105,7 +106,7 @@ class Scheduled(base.Method):
         every_part = parts(every, ordered)
         highest = Regression.of(every_part, ordered)
         fits = []
-        for name in list(DIRECTIONS)[: 1 + self.reflex]:
+        for name in list(REFLEXES)[: 1 + self.reflex]:
             tried = [
                 Orders(self.rest_order, order)._replace(**{name: reflex})
                 for order, reflex in product(orders, reflex_orders)
@@ -121,7 +122,9 @@ class Scheduled(base.Method):
         covariance = fit.covariance(ensemble.sampling_rate, freedom)
         polynomials = {}
         for part, (_, quantities) in every_part.items():
-            for name, weights in quantities.items() if getattr(best, part) >= 0 else ():
+            if getattr(best, part) < 0:
+                continue
+            for name, weights in quantities.items():
                 readout = fit.readout(part, weights)
                 polynomials[name] = readout @ coefficients, readout @ covariance @ readout.T
         curves = Curves(limits, polynomials, freedom)
@@ -200,7 +203,7 @@ class Scheduled(base.Method):
         }
         decay = TIME_CONSTANT_S * ensemble.sampling_rate
         responses = laguerre_filters(self.filters, memory, decay)
-        for name, direction in DIRECTIONS.items():
+        for name, direction in REFLEXES.items():
             order = getattr(orders, name)
             if order >= 0:
                 velocity = history(ensemble, Stretch(direction=direction)(ensemble), before)
@@ -209,9 +212,7 @@ class Scheduled(base.Method):
                 parts[name] = Part(reflex, {"reflex_gain": responses.sum(axis=1)})
         if ensemble.mean_subtracted:
             for columns, _ in parts.values():
-                known = np.isfinite(columns[:, :1])
-                count = np.maximum(known.sum(axis=2, keepdims=True), 1)
-                columns[:] -= columns.sum(axis=2, keepdims=True, where=known) / count
+                columns[:] -= np.expand_dims(mean_known(columns, 2), 2)
         return parts
 
     @abstractmethod

@@ -103,7 +103,7 @@ def test_constants_and_stiffness_are_those_of_a_regression_with_a_stiffness_at_e
             np.einsum("rti,ts,rs->i", design, weights, y, optimize=True),
         )
         filters = np.linalg.cholesky(weights).T
-        free.weighted = (regression.Products.of(signals.columns, filters, low_band=False),) * 2
+        free.weighted = (regression.Products.of(signals, filters, low_band=False),) * 2
         free._solve(np.zeros(200), signals.prior_precision)
         found = [*free.coefficients[regression.U], *free.constants]
         np.testing.assert_allclose(found, expected, rtol=1e-8)

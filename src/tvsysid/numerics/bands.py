@@ -98,7 +98,10 @@ def mean_of(values: Array) -> float:
 def mean_known(values: Array, axis: int = 0) -> Array:
     """Return the mean over an axis without NaN; NaN if all are."""
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
-        return np.nanmean(values, axis=axis)
+        mean = np.asarray(values.mean(axis))
+        some = np.isnan(mean)  # few: nanmean copies the values
+        mean[some] = np.nanmean(np.moveaxis(values, axis, 0)[:, some], axis=0)
+    return mean
 
 
 def mean_and_spread(values: Array) -> tuple[Array, Array]:

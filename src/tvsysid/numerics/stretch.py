@@ -50,4 +50,7 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
     threshold, direction
         c in rad/s, and s, 1 or -1. 0 is no stretch.
     """
-    return direction * keep_every(np.maximum(direction * velocity - threshold, 0.0), ratio)
+    beyond = direction * velocity
+    beyond -= threshold
+    np.maximum(beyond, 0.0, out=beyond)  # in place: recorded velocities are long
+    return direction * keep_every(beyond, ratio)

@@ -190,10 +190,11 @@ def reflex(data: FittedEnsemble) -> Measured:
     share = 100 * max(0.0, test.share)
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
-        f"{share:.2g} % of the residual torque 40 to 330 ms later; this is better than "
-        f"without a reflex (p = {test.over_none:.1g}), and better than with an equal response to "
-        f"both directions (p = {test.over_linear:.1g})"
+        f"{share:.2g} % of the residual torque 40 to 330 ms later; the p-value is "
+        f"{test.over_none:.1g} against no reflex"
     )
+    if test.over_linear < 1:
+        what += f", {test.over_linear:.1g} against an equal response to both directions"
     if test.shown:
         fit = JointCascade(HARMONICS).select(data.ensemble).reflex
         what += (

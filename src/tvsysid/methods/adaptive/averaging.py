@@ -262,7 +262,7 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
     usual, best = estimate.axis, found.models[0]
     jittered = (usual._replace(jitter=jitter) for jitter in JITTERS)
     smears = [usual._replace(filter_reach=0.0), *jittered]
-    smeared = [attrs.evolve(estimate, axis=axis) for axis in smears]
+    smeared = [attrs.evolve(estimate, axis=axis, similar=estimate) for axis in smears]
     fits = [SmoothFit(each, best.smooth.prior) for each in smeared]
     totals = [best._replace(smooth=fit).refined(SMEAR_SPACING).total for fit in fits]
     log_prior = -math.log(len(smears))

@@ -86,6 +86,7 @@ class FreeEstimate:
     values: Array
     whitener: Array
     size: float
+    similar: FreeEstimate | None = None  # one that differs by the smear of steps alone
 
     @cached_property
     def features(self) -> Array:
@@ -95,11 +96,15 @@ class FreeEstimate:
     @cached_property
     def white(self) -> Array:
         """Features and, as the last column, values; all whitened by the noise."""
+        if self.similar is not None:
+            return self.similar.white
         return self.whitener @ np.column_stack([self.features, self.values])
 
     @cached_property
     def moments(self) -> Moments:
         """Moments of the whitened features and values."""
+        if self.similar is not None:
+            return self.similar.moments
         return Moments.of(self.white.T @ self.white, len(self.values))
 
     def with_misfit(self) -> FreeEstimate:

@@ -8,6 +8,7 @@ times need new sums.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import attrs
@@ -69,6 +70,12 @@ class Regressors:
     prior_precision: Array
     reflex: JointCascadeModel | None = None
     change_covariance: Array | float = 0.0
+
+    @cached_property
+    def lagged(self) -> Array:
+        """Return products (2, 2, time, time) of angle and velocity, between any two times."""
+        both = self.columns[: V + 1]
+        return both.swapaxes(1, 2)[:, None] @ both
 
     @classmethod
     def of_second_order(cls, ensemble: Ensemble) -> Regressors:
@@ -141,7 +148,7 @@ class FreeRegression:
             filter_reach=reach,
             realizations=at_times.shape[-1],
         )
-        white = Products.of(signals.columns, np.eye(len(at_times)), low_band=False)
+        white = Products.of(signals, np.eye(len(at_times)), low_band=False)
         self.weighted = white, white
         self._solve(np.zeros(len(at_times)), signals.prior_precision)
 
@@ -226,7 +233,7 @@ class FreeRegression:
         def weighted_by(filters: Array) -> Products:
             # With a reflex, velocity and acceleration are those of the angle as it was recorded,
             # so no low band is needed.
-            return Products.of(columns, filters, low_band=signals.reflex is None)
+            return Products.of(signals, filters, low_band=signals.reflex is None)
 
         filters = filters_with(WHITE_SHARE)
         self.whitens = excess_variance(signals, filters, residual) < MAX_EXCESS
@@ -276,11 +283,12 @@ class Products(NamedTuple):
     mixed: Array
 
     @classmethod
-    def of(cls, columns: Array, filters: Array, low_band: bool) -> Self:
+    def of(cls, signals: Regressors, filters: Array, low_band: bool) -> Self:
         """Return the products with W = FᵀF of filters F (time, time).
 
         Those of the constants may be restricted to the ``low_band``.
         """
+        columns = signals.columns
         both = columns[: V + 1]  # angle and velocity
         weights = filters.T @ filters
         weighted = columns[V:] @ weights
@@ -288,7 +296,7 @@ class Products(NamedTuple):
         if low_band:
             low = convolve1d(filters, LOW_BAND, mode="constant")
             fixed = columns[V:-1] @ (low.T @ low)
-        free_gram = both.swapaxes(1, 2)[:, None] @ both * weights
+        free_gram = signals.lagged * weights
         for own in (free_gram[U, U], free_gram[V, V]):
             np.fill_diagonal(own, floored(np.diag(own)))
         free_cross, mixed = (np.einsum("frt,irt->fit", both, each) for each in (weighted, fixed))

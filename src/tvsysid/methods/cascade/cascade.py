@@ -15,9 +15,10 @@ from tvsysid.methods.cascade.columns import (
     NEEDED_HISTORY_S,
     SHAPE_NAMES,
     THRESHOLD,
+    filtered,
     intrinsic_filters,
     muscle,
-    unresolved,
+    with_recorded,
 )
 from tvsysid.methods.cascade.fit import Fit, posterior_of
 from tvsysid.methods.cascade.method import TwoPathwayMethod
@@ -178,7 +179,7 @@ class JointCascadeModel(TwoPathwayModel):
     """Model of both pathways, with the torque of fast movements beyond the impulse response.
 
     ``fast_response`` (time, 2) is the viscosity and inertia for the velocity and acceleration
-    that the decimated angle lacks (:func:`tvsysid.methods.cascade.columns.unresolved`), if
+    that the decimated angle lacks (:func:`tvsysid.methods.cascade.columns.with_recorded`), if
     the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the fit with the
     reflex whose gain is stated.
     """
@@ -188,7 +189,8 @@ class JointCascadeModel(TwoPathwayModel):
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         found = super()._pathways(ensemble)
-        fast = unresolved(ensemble)
+        slow = filtered(ensemble.angle, intrinsic_filters(ensemble.sampling_rate)[1][1:3])
+        fast = np.nan_to_num(with_recorded(slow, ensemble) - slow)
         further = np.einsum("td,drt->rt", self.fast_response, fast[..., ensemble.core])
         if ensemble.mean_subtracted:
             further -= further.mean(axis=0)

@@ -95,18 +95,17 @@ def filtered(values: Array, filters: Array) -> Array:
     return np.stack([convolve1d(values, each, mode="constant", cval=np.nan) for each in filters])
 
 
-def unresolved(ensemble: Ensemble) -> Array:
-    """Return velocity and acceleration that the lags of the decimated angle miss.
+def with_recorded(derivatives: Array, ensemble: Ensemble) -> Array:
+    """Replace velocity and acceleration of the decimated angle by those of the angle as recorded.
 
-    Their shape is (2, realization, context + time + context). They are derivatives of the angle as
-    recorded, decimated as the torque was, less those of the decimated angle. With them, the model
-    follows the torque of fast movements that decimation aliases to a slower one. They are zero
-    where a filter reaches beyond the samples.
+    These are decimated as the torque was. With them, the model follows the torque of fast movements
+    that decimation aliases to a slower one. The ``derivatives`` (2, realization, context + time +
+    context) stay where a filter of the recorded angle reaches beyond the samples.
     """
     recorded, rate = ensemble.angle_as_recorded, ensemble.sampling_rate
     ratio = recorded.shape[-1]
     if ratio == 1:
-        return np.zeros((2, *ensemble.angle.shape))
+        return derivatives
     filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
     filters = filters * (rate * ratio) ** np.array([[1], [2]])
     # Derivative and low-pass are one filter, which is computed only at the samples that are kept.
@@ -117,8 +116,7 @@ def unresolved(ensemble: Ensemble) -> Array:
     )
     windows = sliding_window_view(line, filters.shape[1], axis=1)[:, ::ratio]
     fast = np.einsum("rtk,fk->frt", windows, filters)
-    slow = filtered(ensemble.angle, intrinsic_filters(rate)[1][1:3])
-    return np.nan_to_num(fast - slow)
+    return np.where(np.isnan(fast), derivatives, fast)
 
 
 def muscle(shape: Array, samples: int, rate: float) -> Array:
@@ -160,7 +158,7 @@ class Data:
         rate = ensemble.sampling_rate
         lags, filters = intrinsic_filters(rate)
         signals = filtered(ensemble.angle, filters)
-        signals[1:3] += unresolved(ensemble)
+        signals[1:3] = with_recorded(signals[1:3], ensemble)
         edge = max(0, len(lags) // 2 - ensemble.context)
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))

@@ -33,7 +33,8 @@ class ReflexTest(NamedTuple):
     whichever has the larger absolute gain. ``over_none`` and ``over_linear`` are the p-values of
     whether the reflex predicts better than no reflex, and than a late response that is the same in
     both directions. ``share`` is the smallest share of the squared error that the reflex explains
-    (confidence 95 %); it is not above 0 where none is certain.
+    (confidence 95 %); it is not above 0 where none is certain. Only what is better than no reflex
+    is compared with the late response; otherwise, ``over_linear`` is 1 and ``share`` is 0.
     """
 
     direction: int
@@ -100,18 +101,16 @@ def reflex_test_of(ensemble: Ensemble) -> ReflexTest:
         columns = block_diag(np.eye(data.intrinsic_count), directions, 1)
         return data.held_out(columns @ products @ columns.T, np.tensordot(directions, both, 1))
 
+    def improvement(simple: Array, further: Array) -> tuple[float, float]:
+        return _improvement(data, held_out(simple), held_out(further))
+
     each = np.eye(2)
-    by_none, by_directed, by_linear, by_both = map(
-        held_out, (each[:0], each[index : index + 1], np.ones((1, 2)), each)
-    )
-    over_none, share_over_none = _improvement(data, by_none, by_directed)
-    over_linear, share_over_linear = _improvement(data, by_linear, by_both)
-    return ReflexTest(
-        direction=DIRECTIONS[index],
-        over_none=min(1.0, 2 * over_none),  # each of two directions may add to none by chance
-        over_linear=over_linear,
-        share=min(share_over_none, share_over_linear),
-    )
+    over_none, share = improvement(each[:0], each[index : index + 1])
+    over_none = min(1.0, 2 * over_none)  # each of two directions may add to none by chance
+    if over_none >= MAX_P_VALUE:
+        return ReflexTest(DIRECTIONS[index], over_none, over_linear=1.0, share=0.0)
+    over_linear, share_over_linear = improvement(np.ones((1, 2)), each)
+    return ReflexTest(DIRECTIONS[index], over_none, over_linear, min(share, share_over_linear))
 
 
 def prediction_p_value(errors: Array, others: Array) -> float:
@@ -138,9 +137,10 @@ def _columns(ensemble: Ensemble, harmonics: int) -> tuple[Data, Array]:
 
 def _improvement(data: Data, simple: Array, further: Array) -> tuple[float, float]:
     """Test whether a further model leaves less torque than a simple one. See ``_above_zero``."""
-    gain = np.sum(data.weighted(simple) * (simple - further), axis=1)
+    weighted = data.weighted(simple)
+    gain, square = (np.sum(weighted * each, axis=1) for each in (simple - further, simple))
     is_rounding = np.abs(gain) <= ROUNDING * data.squares(data.torque)
-    return _above_zero(np.where(is_rounding, 0.0, gain / data.squares(simple)))
+    return _above_zero(np.where(is_rounding, 0.0, gain / square))
 
 
 def _above_zero(scores: Array) -> tuple[float, float]:

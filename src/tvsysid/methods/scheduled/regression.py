@@ -106,10 +106,8 @@ class Regression(NamedTuple):
         others = moments.sum(axis=0) - moments
         # An inverse Cholesky factor makes columns orthonormal in their order. So the fit to the
         # first of them is a partial sum.
-        factors = [
-            solve(Moments.of(each[:-1, :-1], 0.0), self.ridge[columns]).inverse_factor
-            for each in others
-        ]
+        fits = (solve(Moments.of(each[:-1, :-1], 0.0), self.ridge[columns]) for each in others)
+        factors = np.stack([each.inverse_factor for each in fits])
         terms = factors * (factors @ others[:, :-2, -2:-1])
         last = np.cumsum(np.bincount(degree)) - 1
         return explained(moments, np.cumsum(terms, axis=1)[:, last]).T

@@ -190,6 +190,19 @@ def test_both_pathways_are_found(case):
     assert model.inertia.mean() == pytest.approx(0.02, rel=0.06)
 
 
+def test_the_model_of_a_slow_muscle_gives_the_torque_that_was_fitted():
+    settings = {"stiffness": "constant", "gain": 8.0, "frequency": 5.0, "damping": 1.0}
+    ensemble = tv.preprocess.subtract_mean(reflexive(40.0, **settings)[0])
+    method = tv.JointCascade(harmonics=0)
+    fit, model = method.select(ensemble).reflex, method.identify(ensemble)
+    gain = fit.posterior.mean[fit.data.intrinsic_count :]
+    expected = np.tensordot(gain, fit.reflex_columns, 1)
+    found = model.pathways(ensemble)["reflex"][fit.data.rows, fit.data.times]
+    assert tv.metrics.vaf(expected, found).mean() > 99
+    details = model.diagnostics.details
+    assert details["vaf"] == pytest.approx(details["vaf_held_out"], abs=0.1)
+
+
 def test_a_constant_fit_of_a_joint_that_changes_is_said_to_be_one():
     with pytest.warns(
         tv.DataQualityWarning, match="cascade: stiffness or viscosity change over a realization"

@@ -87,8 +87,6 @@ class Method(ABC):
         Whether realizations must follow each other in the recording.
     time_invariant
         Whether the method assumes a constant joint.
-    uses_recorded_angle
-        Whether the method uses the angle at the rate at which it was recorded.
     perturbation, system
         The only perturbation and simulated joint that the method supports, by their names in a
         study. Empty if it supports all.
@@ -115,7 +113,6 @@ class Method(ABC):
     pathway_names: ClassVar[tuple[str, ...]] = ()
     contiguous: ClassVar[bool] = False
     time_invariant: ClassVar[bool] = False
-    uses_recorded_angle: ClassVar[bool] = False
     perturbation: ClassVar[str] = ""
     system: ClassVar[str] = ""
     can_be_tuned: ClassVar[bool] = False

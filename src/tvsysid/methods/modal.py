@@ -82,7 +82,6 @@ class ModalDecomposition(base.Method):
         "away within a cycle."
     )
     cites = ("piovesan2012",)
-    uses_recorded_angle = True
     perturbation = "pulses:duration=0.02,interval=1"
     system = (
         "loaded:inertia=0.1,viscosity=1.3,"

@@ -91,13 +91,15 @@ class TwoPathwayModel(ImpulseResponseModel):
 
     The ``reflex_response`` p, shape (time, lag), is in N·m/rad where the ``drive`` f is a
     velocity in rad/s; the ``reflex_lags`` in s are evenly spaced, none of them negative. f is a
-    static function of the velocity, or a measured signal. Where the ensemble's mean is
-    subtracted, the reflex's torque loses its mean too.
+    static function of the velocity, or a measured signal. At the last ``optional_lags`` of them,
+    it counts as 0 where nothing was recorded. Where the ensemble's mean is subtracted, the reflex's
+    torque loses its mean too.
     """
 
     reflex_response: Array
     reflex_lags: Array
     drive: Drive
+    optional_lags: int = 0
 
     def with_details(self, ensemble: Ensemble) -> Self:
         """Return the model with details: explained shares of the torque, direction of stretch.
@@ -121,7 +123,8 @@ class TwoPathwayModel(ImpulseResponseModel):
         past = driven(ensemble, self.drive, first + late)[:, : late + ensemble.samples]
         reflex = convolve_lags(np.nan_to_num(past), self.reflex_response / self.sampling_rate)
         # Only the first values are missing. So a sample lacks some if it lacks its earliest one.
-        reflex[np.isnan(past[:, : ensemble.samples])] = np.nan
+        earliest = slice(self.optional_lags, self.optional_lags + ensemble.samples)
+        reflex[np.isnan(past[:, earliest])] = np.nan
         if ensemble.mean_subtracted:
             reflex -= mean_known(reflex)
         return {**super()._pathways(ensemble), "reflex": reflex}

@@ -195,10 +195,8 @@ def tasks_of(experiment: Experiment, prepared: Sequence[Prepared]) -> list[Task]
     """
     tasks = []
     for analysis, item in itertools.product(reversed(experiment.analyses), prepared):
-        seed, ensemble = experiment.seed_of(item.recorded, analysis.realizations), item.ensemble
-        if ensemble and not analysis.method.uses_recorded_angle:
-            ensemble = attrs.evolve(ensemble, recorded_angle=None)
-        sent = attrs.evolve(item, ensemble=ensemble, preparation=None, excerpt=None)
+        seed = experiment.seed_of(item.recorded, analysis.realizations)
+        sent = attrs.evolve(item, preparation=None, excerpt=None)
         task = Task(
             case=item.recorded.label,
             draw=partial(draw, sent, analysis, seed),

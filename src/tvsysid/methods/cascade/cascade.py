@@ -11,6 +11,7 @@ from tvsysid.dataset_layout import UNITS
 from tvsysid.methods.cascade.columns import (
     DELAY,
     HIGHEST,
+    HISTORY_S,
     IS_LOG,
     NEEDED_HISTORY_S,
     SHAPE_NAMES,
@@ -243,6 +244,7 @@ def joint_model(selection: Selection) -> JointCascadeModel:
         reflex_response=response * known * rate,
         reflex_lags=reflex_lags,
         drive=drive,
+        optional_lags=len(reflex_lags) - 1 - round(NEEDED_HISTORY_S * rate),
         fast_response=over_time[:, 1:3],
         hyperparameters=Hyperparameters(
             data.harmonics, data.noise, drive, fit.shape, fit.parameters
@@ -262,8 +264,7 @@ def _reflex_response(selection: Selection) -> tuple[Array, Array]:
     """
     fit, data, ensemble = selection.reflex, selection.reflex.data, selection.reflex.data.ensemble
     rate, delay = ensemble.sampling_rate, fit.shape[DELAY]
-    last = max(round(NEEDED_HISTORY_S * rate), ensemble.context)
-    lags = np.arange(last + 1) / rate
+    lags = np.arange(round(HISTORY_S * rate) + 1) / rate
     arrivals = ensemble.time[:, None] - lags + delay
     gain = data.gain(arrivals.ravel() / ensemble.duration)
     response = (gain @ fit.posterior.mean[data.intrinsic_count :]).reshape(arrivals.shape)

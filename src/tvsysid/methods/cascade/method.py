@@ -13,7 +13,6 @@ class TwoPathwayMethod(Method):
 
     quantities = ("reflex_gain",)
     pathway_names = PATHWAYS
-    uses_recorded_angle = True
 
     @property
     def inputs(self) -> tuple[Input, ...]:  # type: ignore[override]

@@ -62,7 +62,6 @@ class Scheduled(base.Method):
         "averaged over."
     )
     cites = ("sobhani2013", "sobhani2015")
-    uses_recorded_angle = True
 
     @property
     def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]

@@ -30,8 +30,8 @@ def simultaneous_value(level: float, freedom: Array, arc: float) -> Array:
     All times of the estimate lie within the band with probability ``level``. The multiple is the
     smaller of two bounds, which both are on the safe side. Šidák's (1967) takes the times as
     independent: the level at each is :math:`level^{1/T}`. The volume of a tube (Naiman 1986; Sun &
-    Loader 1994) uses that an estimate which is smooth in time hardly takes other values at the next
-    sample: the chance to leave the band is at most
+    Loader 1994) uses that a smooth estimate hardly changes by the next sample: the chance to leave
+    the band is at most
 
     .. math:: P(|t_\nu| > c) + \frac{\kappa}{\pi}\left(1 + \frac{c^2}{\nu}\right)^{-\nu/2}
 

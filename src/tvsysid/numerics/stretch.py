@@ -29,7 +29,7 @@ def recorded_velocity(recorded_angle: Array, sampling_rate: float) -> Array:
     return correlate1d(angle, weights * rate, axis=-1, mode="nearest")
 
 
-def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int = 1) -> Array:
+def stretch(velocity: Array, ratio: int, threshold: float, direction: int) -> Array:
     r"""Return the velocity beyond a threshold in the direction of stretch, (realization, time).
 
     It is returned at the lower rate:
@@ -37,8 +37,7 @@ def stretch(velocity: Array, ratio: int, threshold: float = 0.0, direction: int 
     .. math:: f = s \max(s v - c, 0)
 
     rectified first, at the recorded rate, then decimated as the torque was. The other way round,
-    what is rectified is the ringing of the decimation filter: a pulse's reflex gain comes out a
-    fifth too small.
+    what is rectified is the ringing of the decimation filter.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ def whitening_filters(covariance: Array, independent: int, rate: float, periodic
 
 
 def prediction_errors(covariance: Array, lags: int, independent: int) -> Array:
-    """Return filters (time, time) that give noise less its prediction, in units of its error.
+    """Return filters (time, time) that give noise less its prediction, relative to its error.
 
     The Bayesian information criterion gives the number of samples that predict the next one. The
     first samples are predicted from the few before them.

@@ -53,7 +53,7 @@ BEAT_RATIO = 1.25  # of a line in the inertia to the same in the stiffness: a be
     "doubtful",
     effect="the result is a mean of different stiffnesses and describes none of them",
     remedy="identify the parts of the experiment separately, as in "
-    "tv.compare(ensemble.select(range(30))); let people rest or warm up before",
+    "tv.compare(prepared.ensemble.select(range(30))); let people rest or warm up before",
 )
 def drift(data: FittedEnsemble) -> Measured:
     """Compare the stiffness of the second half with that of the first."""

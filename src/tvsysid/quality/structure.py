@@ -188,20 +188,19 @@ def reflex(data: FittedEnsemble) -> Measured:
     except InputError as error:
         raise NotApplicable(TOO_SHORT) from error
     share = 100 * max(0.0, test.share)
+    chance = f"p = {test.over_none:.1g} against no reflex"
+    if test.over_linear < 1:
+        chance += f", {test.over_linear:.1g} against an equal response to both directions"
+    if not test.shown:
+        return Measured(share, f"no stretch reflex is detected ({chance})", significant=False)
+    fit = JointCascade(HARMONICS).select(data.ensemble).reflex
     what = (
         f"{'positive' if test.direction > 0 else 'negative'} velocity predicts at least "
-        f"{share:.2g} % of the residual torque 40 to 330 ms later; the p-value is "
-        f"{test.over_none:.1g} against no reflex"
+        f"{share:.2g} % of the residual torque 40 to 330 ms later ({chance}); the mean stiffness "
+        f"is {one_path_stiffness(data.ensemble):.3g} N·m/rad with the reflex's torque in it, "
+        f"{fit.posterior.mean[0]:.3g} without"
     )
-    if test.over_linear < 1:
-        what += f", {test.over_linear:.1g} against an equal response to both directions"
-    if test.shown:
-        fit = JointCascade(HARMONICS).select(data.ensemble).reflex
-        what += (
-            f"; the mean stiffness is {one_path_stiffness(data.ensemble):.3g} N·m/rad with the "
-            f"reflex's torque in it, {fit.posterior.mean[0]:.3g} without"
-        )
-    return Measured(share, what, test.shown)
+    return Measured(share, what)
 
 
 @check(

@@ -15,6 +15,7 @@ from tvsysid.methods.adaptive.model import AdaptiveModel, MixtureError, switches
 from tvsysid.methods.adaptive.regression import A, FreeRegression, Regressors, V
 from tvsysid.methods.adaptive.search import CurveModel
 from tvsysid.methods.cascade.cascade import JointCascade, limit_warnings
+from tvsysid.methods.cascade.method import TwoPathwayMethod
 from tvsysid.methods.cascade.reflex_test import MIN_TESTED_REALIZATIONS, reflex_test_of
 from tvsysid.methods.cascade.search import Selection, fit_again
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
@@ -134,10 +135,7 @@ class AdaptiveRegression(base.Method):
         "is; the torque of a reflex that is detected is not included in the stiffness."
     )
 
-    @property
-    def inputs(self) -> tuple[base.Input, ...]:  # type: ignore[override]
-        """Return the EMG input, if its channel is named."""
-        return () if self.emg is None else (base.Input(self.emg, "input", "V"),)
+    inputs = TwoPathwayMethod.inputs
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return why the method skips an ensemble: its realizations are too few, short or long."""
@@ -210,10 +208,9 @@ def select_reflex(ensemble: Ensemble, emg: str | None) -> Selection | None:
     try:
         if emg is None and not reflex_test_of(ensemble).shown:
             return None
-        selection = JointCascade(emg=emg).select(ensemble)
+        return JointCascade(emg=emg).select(ensemble)
     except InputError:  # realizations are too short
         return None
-    return selection if selection.shown else None
 
 
 def model_of(free: FreeRegression, found: Mapping[str, ModelAverage]) -> AdaptiveModel:

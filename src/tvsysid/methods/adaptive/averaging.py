@@ -206,12 +206,12 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     """
     if known:
         estimate = attrs.evolve(estimate, axis=known[0].axis)
-        smooths = distinct_fits(estimate, [each.prior for each in known])
+        smooths = distinct_fits(estimate, known)
         # Switches are refined beside the smooth part of the most probable hypothesis with them.
         starts = {each.positions.tobytes(): each for each in reversed(known)}.values()
         rough = [CurveModel(SmoothFit(estimate, each.prior), each.positions) for each in starts]
         return ModelAverage.of(weigh(smooths, refined_sets(rough)))
-    smooths = distinct_fits(estimate, smooth_priors(estimate.axis))
+    smooths = [SmoothFit(estimate, prior) for prior in smooth_priors(estimate.axis)]
     grid = Grid(estimate)
     first = [first_model(smooth, grid) for smooth in smooths]
     # The first of them has no smooth part.
@@ -229,9 +229,9 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     return with_other_smear(found, estimate) if is_switching else found
 
 
-def distinct_fits(estimate: FreeEstimate, priors: Iterable[SmoothPrior]) -> list[SmoothFit]:
-    """Fit smooth parts with all priors, those with the same variances only once."""
-    distinct = {each.variances.tobytes(): each for each in priors}
+def distinct_fits(estimate: FreeEstimate, known: Iterable[Hypothesis]) -> list[SmoothFit]:
+    """Fit the smooth parts of all hypotheses, those with the same variances only once."""
+    distinct = {each.prior.variances.tobytes(): each.prior for each in known}
     return [SmoothFit(estimate, prior) for prior in distinct.values()]
 
 
@@ -269,7 +269,7 @@ def with_other_smear(found: ModelAverage, estimate: FreeEstimate) -> ModelAverag
     if max(totals) + log_prior < best.refined(SMEAR_SPACING).total - MAX_SMEAR_LOSS:
         return found
     other = smeared[totals.index(max(totals))]
-    smooths = distinct_fits(other, [each.prior for each in found.hypotheses])
+    smooths = distinct_fits(other, found.hypotheses)
     grid = Grid(other)
     sets = refined_sets(search_switches([first_model(each, grid) for each in smooths], grid))
     models = [each._replace(evidence=each.evidence + log_prior) for each in weigh(smooths, sets)]

@@ -49,8 +49,8 @@ class Steps(NamedTuple):
 
     ``columns`` (time, step) are the steps as they are recorded, whitened by the noise.
     ``feature_products`` (feature, step) are their products with the features of the smooth part,
-    ``explained`` (coefficient, step) those with the standardized features of a :class:`SmoothFit`;
-    it has no rows until one is fitted. What is left of the steps has the products
+    ``explained`` (coefficient, step) those with the standardized features of a :class:`SmoothFit`,
+    without rows before a fit. What is left of the steps has the products
     columnsᵀ columns - explainedᵀ explained. ``power`` (step,) are the squares of what is left, and
     ``cross`` (step,) its products with the estimate.
     """
@@ -288,12 +288,12 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
     """
     columns = np.hstack([estimate.steps(positions).columns, estimate.white])
     moments = Moments.of(columns.T @ columns, len(columns))
-    constant = len(positions)  # the columns are switches, constant, waves, estimate
+    first = len(positions)  # the columns are switches, constant, waves, estimate
     variances = np.zeros(columns.shape[1] - 1)
-    variances[:constant] = USUAL_SWITCH_SIZE**2
-    variances[constant] = LEVEL**2
+    variances[:first] = USUAL_SWITCH_SIZE**2
+    variances[first] = LEVEL**2
     count = 2 * min(MAX_HARMONIC, estimate.axis.harmonics)
-    waves = slice(constant + 1, constant + 1 + count)
+    waves = slice(first + 1, first + 1 + count)
     wave_variances = np.square(AMPLITUDES)[:, None]
     log_prior = math.log(WAVES_PROBABILITY) - count * math.log1p(WAVE_ODDS)
     for _ in range(min(MAX_WAVES, count)):
@@ -307,4 +307,4 @@ def few_harmonics(estimate: FreeEstimate, positions: Array) -> Iterator[SmoothPr
         size, wave = np.unravel_index(np.argmax(evidence), evidence.shape)
         variances[waves.start + wave] = wave_variances[size, 0]
         log_prior += math.log(WAVE_ODDS / len(wave_variances))
-        yield SmoothPrior(log_prior, variances[constant:].copy())
+        yield SmoothPrior(log_prior, variances[first:].copy())

@@ -94,9 +94,9 @@ class AdaptiveModel(Model):
     ``hypotheses`` are the models that were averaged, by quantity, the most probable first.
     """
 
-    switches: tuple[Switch, ...] = ()
-    reflex: JointCascadeModel | None = None
-    hypotheses: Mapping[str, Sequence[Hypothesis]] = attrs.field(factory=dict)
+    switches: tuple[Switch, ...]
+    reflex: JointCascadeModel | None
+    hypotheses: Mapping[str, Sequence[Hypothesis]]
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         if self.reflex is None:
@@ -161,6 +161,9 @@ def describe_changes(model: AdaptiveModel) -> list[str]:
         f"probability that stiffness changes smoothly{where}: {smooth:.0f} %, is constant: "
         f"{100 - smooth:.0f} %"
     )
-    if model.reflex is not None:
-        lines.append("the torque of a stretch reflex is separated")
+    lines.append(
+        "no stretch reflex is detected"
+        if model.reflex is None
+        else "the torque of a stretch reflex is separated"
+    )
     return lines

@@ -136,6 +136,7 @@ def smooth_priors(axis: Axis) -> list[SmoothPrior]:
 
     The spectrum of a kernel gives the variances of the cosines and sines of each harmonic. To add a
     stationary kernel, write its spectrum, and add it with lengths and amplitudes to ``kernels``.
+    It is cut off at ``axis.harmonics``, which suit the squared exponential.
     """
     frequencies = 2 * np.pi * np.arange(1, axis.harmonics + 1) / axis.period
     shortest = max(MIN_LENGTH, MAX_FREQUENCY * axis.period / (axis.harmonics + 1))

@@ -174,8 +174,9 @@ def joint_switches(estimate: FreeEstimate, first: Array) -> Iterator[Array]:
     # Gain and switches of the best levels from 0 up to each edge
     best, paths = gains[:, 0], [list[float]()] * len(edges)
     for count in range(1, MAX_JOINT_SWITCHES + 1):
-        paths = [[*paths[last], edges[last]] for last in (best + gains).argmax(axis=1)]
-        best = (best + gains).max(axis=1)
+        total = best + gains
+        paths = [[*paths[last], edges[last]] for last in total.argmax(axis=1)]
+        best = total.max(axis=1)
         yield np.sort(np.add(paths[-1], cut) % times)
         if periodic and count < MAX_JOINT_SWITCHES:
             yield np.sort(np.add([*paths[-1], 0.0], cut) % times)  # with a switch at the cut

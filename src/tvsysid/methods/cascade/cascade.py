@@ -169,8 +169,8 @@ class JointCascade(TwoPathwayMethod):
         if self.emg is None and rate < FAST:
             yield (
                 f"the angle is there at {rate:g} Hz only, where the velocity of fast movements "
-                "cannot be rectified: the reflex's gain comes out too large, and a threshold where "
-                f"there is none; give a recording at {FAST:g} Hz or more and decimate it with "
+                "cannot be rectified: the reflex's gain and threshold are biased; give a recording "
+                f"at {FAST:g} Hz or more and decimate it with "
                 "tvsysid.preprocess.decimate, which keeps the angle as it was"
             )
 

@@ -154,7 +154,7 @@ class Data:
 
     @classmethod
     def of(cls, ensemble: Ensemble, harmonics: int) -> Data:
-        """Return the realizations and times with most samples whose past is recorded."""
+        """Choose the realizations and times that have a recorded past and most samples."""
         rate = ensemble.sampling_rate
         lags, filters = intrinsic_filters(rate)
         signals = filtered(ensemble.angle, filters)

@@ -27,11 +27,9 @@ BOUNDS = np.where(IS_DECAY[:, None], (0.6, 6.0), (-9.0, 3.0))
 BOUNDS[:FLAT_FAMILIES] = FLAT_LOG_SIZE  # these sizes are known
 USUAL_PARAMETERS = np.where(IS_DECAY, DECAY_MEAN, 0.0).clip(*BOUNDS.T)
 MAX_ITERATIONS = 100  # of the search for the hyperparameters
-
-
 MAX_STEPS, MAX_HALVINGS = 8, 6  # of Gauss-Newton, and of each of its steps
 SMALLEST_STEP = 0.02  # in standard deviations of the prior
-MAX_LIMITED_TIMES = 500  # in a period at which signs are limited, or somewhat more
+MAX_LIMITED_TIMES = 500  # about the largest number of times at which signs are limited
 
 
 @attrs.frozen(eq=False)
@@ -43,7 +41,7 @@ class Fit:
     data
         Torque and intrinsic signals.
     drive
-        Drive of the reflex, of direction 0 without one. The shape has its threshold.
+        Drive of the reflex, of direction 0 without one.
     shape
         Shape of the reflex, with its threshold.
     free
@@ -262,11 +260,12 @@ def posterior_of(moments: Moments, spread: Array, positive: Array | None = None)
     found = solve(moments, spread**-2)
     mean, left = found.mean, found.penalized_residual
     if positive is not None:
-        # The mean is u times the inverse factor. The density falls with u's distance from free.
-        free, normals = found.inverse_factor @ moments.cross, found.inverse_factor @ positive.T
+        # The mean is u times the inverse factor. The density falls with u's distance from that of
+        # the unlimited mean.
+        unlimited, normals = found.inverse_factor @ moments.cross, found.inverse_factor @ positive.T
         normals /= np.linalg.norm(normals, axis=0)
-        size = np.linalg.norm(free)
-        step = size * (normals @ scipy.optimize.nnls(normals, -free / size)[0])
+        size = np.linalg.norm(unlimited)
+        step = size * (normals @ scipy.optimize.nnls(normals, -unlimited / size)[0])
         mean, left = mean + step @ found.inverse_factor, left + float(step @ step)
     left = max(left, 1e-14 * moments.square + np.finfo(float).tiny)
     noise = left / moments.number

@@ -33,8 +33,8 @@ class ReflexTest(NamedTuple):
     whichever has the larger absolute gain. ``over_none`` and ``over_linear`` are the p-values of
     whether the reflex predicts better than no reflex, and than a late response that is the same in
     both directions. ``share`` is the smallest share of the squared error that the reflex explains
-    (confidence 95 %); it is not above 0 where none is certain. Only what is better than no reflex
-    is compared with the late response; otherwise, ``over_linear`` is 1 and ``share`` is 0.
+    (confidence 95 %); it is not above 0 where none is certain. If the reflex is not better than
+    none, ``over_linear`` is 1 and ``share`` is 0.
     """
 
     direction: int

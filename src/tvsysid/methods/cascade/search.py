@@ -62,12 +62,15 @@ def select(ensemble: Ensemble, harmonics: int, delay: float | None, emg: str | N
 
     EMG always drives a reflex. The settings are those of ``JointCascade``.
     """
-    data, usual_delay = Data.of(ensemble, harmonics), EMG_DELAY_S
-    drive, shown, free, threshold = Stretch(emg=emg), True, THRESHOLD, 0.0
+    data = Data.of(ensemble, harmonics)
+    # ``free`` numbers of the shape, the first ones, are estimated.
     if emg is None:
-        test, usual_delay = reflex_test_of(ensemble), MEAN[DELAY]
-        drive, shown, free = Stretch(direction=test.direction), test.shown, DELAY
-        threshold = INITIAL_THRESHOLD * shown
+        test = reflex_test_of(ensemble)
+        drive, shown = Stretch(direction=test.direction), test.shown
+        threshold, usual_delay, free = INITIAL_THRESHOLD * shown, MEAN[DELAY], DELAY
+    else:
+        drive, shown = Stretch(emg=emg), True
+        threshold, usual_delay, free = 0.0, EMG_DELAY_S, THRESHOLD
     shape = np.array([*MEAN[:THRESHOLD], threshold, delay or usual_delay])
     if shown:
         fit = _refined(_fitted(data, drive, shape, free)).limited()

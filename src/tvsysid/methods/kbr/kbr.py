@@ -70,8 +70,8 @@ class KernelRegression(shared.ReferenceMethod):
     (equations 13 to 17 of van de Ruit et al. 2021; Cavallo et al. 2020, Lataire et al. 2017). The b
     are stiffness, viscosity and inertia: the paper's Na = 0 and Nb = 2. E is the spectrum of the
     equation error over each unbroken run of realizations. Its variance is that of a complex number,
-    so the first term of the cost is minus a log density. The second term is twice as much, so the
-    paper's cost implies a prior covariance of K / 2. The kernel K says how fast the b may change.
+    so the first term of the cost is minus a log density. The second is twice a minus log density,
+    so the paper's prior covariance is K / 2. The kernel K says how fast the b may change.
     Its period p is the duration of a realization. ``tuned`` chooses gamma, l1 and l2 by maximum
     evidence, with white weights even if the ``weighting`` is ``"residual"``.
 

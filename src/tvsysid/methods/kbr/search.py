@@ -137,8 +137,8 @@ def tried_settings(
     """Return all settings that are tried: those given, each l1 without decay, and decays.
 
     ``given`` are l1, three gammas in SI units and the complex noise's variance, estimated without
-    decay. The given settings count with this noise variance. All others have their own best one,
-    which favours them by some nat if the given ``decay`` is short. ``share`` is the effective
+    decay. The given settings count with this noise variance. All others have their own best
+    one: some nats in their favour if the given ``decay`` is short. ``share`` is the effective
     fraction of independent samples.
     """
 

@@ -28,13 +28,13 @@ class Regression(NamedTuple):
 
     ``values`` (column + 2, sample) are the columns of the regression, which are the regressors of
     all parts of the torque, then the torque, and ones. They are 0 where one of them is not known.
-    ``part`` and ``degree`` (column,) are the position in :class:`Orders` of each regressor's part
-    and the degree of its polynomial.
+    ``part`` and ``degree`` (column,) are the name of each regressor's part, as in
+    :class:`Orders`, and the degree of its polynomial.
     ``ridge`` (column,) is added to the regressors' squares, for columns that are nearly collinear.
     ``moments`` (fold, column + 2, column + 2) are the products of the values in each fold.
     """
 
-    part: NDArray[np.int64]
+    part: NDArray[np.str_]
     degree: NDArray[np.int64]
     ridge: Array
     values: Array
@@ -58,7 +58,7 @@ class Regression(NamedTuple):
         total = moments.sum(axis=0)
         power = (total.diagonal() - total[-1] ** 2 / len(samples))[:-2]
         return cls(
-            np.repeat([Orders._fields.index(name) for name in parts], list(map(len, columns))),
+            np.repeat(list(parts), list(map(len, columns))),
             np.concatenate(
                 [np.indices(each.regressors.shape[:2])[1].ravel() for each in parts.values()]
             ),
@@ -69,7 +69,7 @@ class Regression(NamedTuple):
 
     def columns(self, orders: Orders) -> NDArray[np.int64]:
         """Return the indices of the columns of lower orders."""
-        return np.flatnonzero(self.degree <= np.array(orders)[self.part])
+        return np.flatnonzero(self.degree <= [getattr(orders, name) for name in self.part])
 
     def subset(self, orders: Orders) -> Regression:
         """Return the regression with lower orders."""
@@ -99,7 +99,7 @@ class Regression(NamedTuple):
         The degrees of one ``part`` are those from 0 to its order.
         """
         columns = self.columns(orders)
-        degree = self.degree[columns] * (self.part[columns] == Orders._fields.index(part))
+        degree = self.degree[columns] * (self.part[columns] == part)
         columns = columns[np.argsort(degree, kind="stable")]
         rows = np.append(columns, [-2, -1])
         moments = self.moments[:, rows[:, None], rows]
@@ -115,8 +115,8 @@ class Regression(NamedTuple):
     def best_orders(self, orders: Sequence[Orders], reflex: str) -> tuple[Orders, float]:
         """Return the lowest orders that predict folds as well as the best do, and their VAF.
 
-        The intrinsic order, that of the ``reflex``, and the former again are chosen beside the best
-        of the other, from the first of the ``orders`` on.
+        Choose the intrinsic order, that of the ``reflex``, and the intrinsic one again, each beside
+        the best other, from the first of the ``orders`` on.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class Regression(NamedTuple):
 
         The quantity is a weighted sum of the signals of a part, by ``weights`` (signal,).
         """
-        own = self.part == Orders._fields.index(part)
+        own = self.part == part
         matrix = np.zeros((np.max(self.degree[own]) + 1, len(own)))
         matrix[:, own] = np.kron(weights, np.eye(len(matrix)))  # columns are (signal, degree)
         return matrix

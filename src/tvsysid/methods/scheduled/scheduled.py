@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import convolution_matrix
 
 from tvsysid.methods import base
-from tvsysid.methods.pathways import Stretch, history
+from tvsysid.methods.pathways import PATHWAYS, Stretch, history
 from tvsysid.methods.scheduled.model import (
     REFLEXES,
     Curves,
@@ -77,7 +77,7 @@ class Scheduled(base.Method):
     @property
     def pathway_names(self) -> tuple[str, ...]:  # type: ignore[override]
         """Return the names of the pathways, if there are two."""
-        return ("intrinsic", "reflex") if self.reflex else ()
+        return PATHWAYS if self.reflex else ()
 
     def skip(self, ensemble: Ensemble) -> str | None:
         """Return a reason to skip an ensemble in which the variable is constant."""
@@ -107,8 +107,8 @@ class Scheduled(base.Method):
         fits = []
         for name in list(REFLEXES)[: 1 + self.reflex]:
             tried = [
-                Orders(self.rest_order, order)._replace(**{name: reflex})
-                for order, reflex in product(orders, reflex_orders)
+                Orders(self.rest_order, p)._replace(**{name: q})
+                for p, q in product(orders, reflex_orders)
             ]
             fits.append(highest.best_orders(tried, name))
         best, vaf_folds = max(fits, key=itemgetter(1))

@@ -92,8 +92,8 @@ class TwoPathwayModel(ImpulseResponseModel):
     The ``reflex_response`` p, shape (time, lag), is in N·m/rad where the ``drive`` f is a
     velocity in rad/s; the ``reflex_lags`` in s are evenly spaced, none of them negative. f is a
     static function of the velocity, or a measured signal. At the last ``optional_lags`` of them,
-    it counts as 0 where nothing was recorded. Where the ensemble's mean is subtracted, the reflex's
-    torque loses its mean too.
+    it counts as the mean of the realizations where it was not recorded. Where the ensemble's mean
+    is subtracted, the reflex's torque loses its mean too.
     """
 
     reflex_response: Array
@@ -121,7 +121,8 @@ class TwoPathwayModel(ImpulseResponseModel):
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
         first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1
         past = driven(ensemble, self.drive, first + late)[:, : late + ensemble.samples]
-        reflex = convolve_lags(np.nan_to_num(past), self.reflex_response / self.sampling_rate)
+        filled = np.nan_to_num(np.where(np.isnan(past), mean_known(past), past))
+        reflex = convolve_lags(filled, self.reflex_response / self.sampling_rate)
         # Only the first values are missing. So a sample lacks some if it lacks its earliest one.
         earliest = slice(self.optional_lags, self.optional_lags + ensemble.samples)
         reflex[np.isnan(past[:, earliest])] = np.nan

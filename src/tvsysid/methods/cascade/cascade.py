@@ -16,10 +16,9 @@ from tvsysid.methods.cascade.columns import (
     NEEDED_HISTORY_S,
     SHAPE_NAMES,
     THRESHOLD,
-    filtered,
     intrinsic_filters,
+    intrinsic_signals,
     muscle,
-    with_recorded,
 )
 from tvsysid.methods.cascade.fit import Fit, posterior_of
 from tvsysid.methods.cascade.method import TwoPathwayMethod
@@ -27,7 +26,7 @@ from tvsysid.methods.cascade.reflex_test import HARMONICS
 from tvsysid.methods.cascade.search import Hyperparameters, Selection, fit_again, select
 from tvsysid.methods.pathways import TwoPathwayModel
 from tvsysid.models import IMPEDANCE, Diagnostics, Estimate, Model, StandardError
-from tvsysid.numerics.bands import arc_length
+from tvsysid.numerics.bands import arc_length, mean_known
 from tvsysid.numerics.stretch import FAST
 from tvsysid.signals import Array, Ensemble
 from tvsysid.validators import at_least, optional, positive, text
@@ -177,25 +176,23 @@ class JointCascade(TwoPathwayMethod):
 
 @attrs.frozen(eq=False, repr=False, kw_only=True)
 class JointCascadeModel(TwoPathwayModel):
-    """Model of both pathways, with the torque of fast movements beyond the impulse response.
+    """Model of both pathways, whose intrinsic torque follows fast movements.
 
-    ``fast_response`` (time, 2) is the viscosity and inertia for the velocity and acceleration
-    that the decimated angle lacks (:func:`tvsysid.methods.cascade.columns.with_recorded`), if
-    the ensemble keeps the angle as recorded. ``hyperparameters`` are those of the fit with the
-    reflex whose gain is stated.
+    ``coefficients`` (time, signal) are those of the signals of which the intrinsic torque is a sum
+    (:func:`tvsysid.methods.cascade.columns.intrinsic_signals`). It is that of the impulse response,
+    but for movements that the decimated angle lacks. ``hyperparameters`` are those of the fit with
+    the reflex whose gain is stated.
     """
 
-    fast_response: Array
+    coefficients: Array
     hyperparameters: Hyperparameters
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
-        found = super()._pathways(ensemble)
-        slow = filtered(ensemble.angle, intrinsic_filters(ensemble.sampling_rate)[1][1:3])
-        fast = np.nan_to_num(with_recorded(slow, ensemble) - slow)
-        further = np.einsum("td,drt->rt", self.fast_response, fast[..., ensemble.core])
+        signals = intrinsic_signals(ensemble)[..., ensemble.core]
+        intrinsic = np.einsum("ts,srt->rt", self.coefficients, signals)
         if ensemble.mean_subtracted:
-            further -= further.mean(axis=0)
-        return found | {"intrinsic": found["intrinsic"] + further}
+            intrinsic -= mean_known(intrinsic)
+        return super()._pathways(ensemble) | {"intrinsic": intrinsic}
 
 
 def joint_model(selection: Selection) -> JointCascadeModel:
@@ -245,7 +242,7 @@ def joint_model(selection: Selection) -> JointCascadeModel:
         reflex_lags=reflex_lags,
         drive=drive,
         optional_lags=len(reflex_lags) - 1 - round(NEEDED_HISTORY_S * rate),
-        fast_response=over_time[:, 1:3],
+        coefficients=over_time * known,
         hyperparameters=Hyperparameters(
             data.harmonics, data.noise, drive, fit.shape, fit.parameters
         ),

@@ -87,36 +87,34 @@ def deviations(values: Array) -> Array:
     return left
 
 
-def filtered(values: Array, filters: Array) -> Array:
-    """Filter values (realization, time) by each of the filters (filter, lag), about each sample.
+def intrinsic_signals(ensemble: Ensemble) -> Array:
+    """Return the angle, its derivatives and its differences.
 
-    They are NaN where a filter reaches beyond the samples.
-    """
-    return np.stack([convolve1d(values, each, mode="constant", cval=np.nan) for each in filters])
-
-
-def with_recorded(derivatives: Array, ensemble: Ensemble) -> Array:
-    """Replace velocity and acceleration of the decimated angle by those of the angle as recorded.
-
-    These are decimated as the torque was. With them, the model follows the torque of fast movements
-    that decimation aliases to a slower one. The ``derivatives`` (2, realization, context + time +
-    context) stay where a filter of the recorded angle reaches beyond the samples.
+    The shape is (signal, realization, context + time + context). They are NaN where their filters
+    reach beyond the samples. Velocity and acceleration are those of the angle as recorded,
+    decimated as the torque was. With them, the model follows the torque of fast movements that
+    decimation aliases to a slower one.
     """
     recorded, rate = ensemble.angle_as_recorded, ensemble.sampling_rate
-    ratio = recorded.shape[-1]
-    if ratio == 1:
-        return derivatives
-    filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
-    filters = filters * (rate * ratio) ** np.array([[1], [2]])
-    # Derivative and low-pass are one filter, which is computed only at the samples that are kept.
-    filters = np.stack([np.convolve(each[::-1], decimation_weights(ratio)) for each in filters])
-    half = filters.shape[1] // 2
-    line = np.pad(
-        recorded.reshape(len(recorded), -1), ((0, 0), (half, half)), constant_values=np.nan
+    signals = np.stack(
+        [
+            convolve1d(ensemble.angle, each, mode="constant", cval=np.nan)
+            for each in intrinsic_filters(rate)[1]
+        ]
     )
-    windows = sliding_window_view(line, filters.shape[1], axis=1)[:, ::ratio]
-    fast = np.einsum("rtk,fk->frt", windows, filters)
-    return np.where(np.isnan(fast), derivatives, fast)
+    ratio = recorded.shape[-1]
+    if ratio > 1:
+        filters = derivative_weights(RECORDED_HALF_WIDTH, BAND)[1:]
+        filters = filters * (rate * ratio) ** np.array([[1], [2]])
+        # Derivative and low-pass are one filter, computed only at the samples that are kept.
+        filters = np.stack([np.convolve(each[::-1], decimation_weights(ratio)) for each in filters])
+        half = filters.shape[1] // 2
+        line = recorded.reshape(len(recorded), -1)
+        line = np.pad(line, ((0, 0), (half, half)), constant_values=np.nan)
+        windows = sliding_window_view(line, filters.shape[1], axis=1)[:, ::ratio]
+        fast = np.einsum("rtk,fk->frt", windows, filters)
+        signals[1:3] = np.where(np.isnan(fast), signals[1:3], fast)
+    return signals
 
 
 def muscle(shape: Array, samples: int, rate: float) -> Array:
@@ -156,10 +154,8 @@ class Data:
     def of(cls, ensemble: Ensemble, harmonics: int) -> Data:
         """Choose the realizations and times that have a recorded past and most samples."""
         rate = ensemble.sampling_rate
-        lags, filters = intrinsic_filters(rate)
-        signals = filtered(ensemble.angle, filters)
-        signals[1:3] = with_recorded(signals[1:3], ensemble)
-        edge = max(0, len(lags) // 2 - ensemble.context)
+        signals = intrinsic_signals(ensemble)
+        edge = max(0, len(intrinsic_filters(rate)[0]) // 2 - ensemble.context)
         last = ensemble.samples - edge
         past = history(ensemble, ensemble.angle, round(NEEDED_HISTORY_S * rate))
         missing = np.isnan(past[:, : ensemble.samples]).sum(axis=1)

@@ -69,8 +69,13 @@ def run_tasks(
             f"call run under `if __name__ == '__main__':`), or could not be sent its task. {RESUME}"
         ) from error
     finally:
-        for future in running:
-            future.cancel()
+        if not isinstance(executor, _LocalPool):  # which is terminated, and has to fail its futures
+            for future in running:
+                future.cancel()
+
+
+class _LocalPool(ProcessPoolExecutor):
+    """Processes that end with the block of :func:`local_workers`."""
 
 
 @contextmanager
@@ -89,7 +94,7 @@ def local_workers(count: int) -> Iterator[Executor | None]:
         return
     # A fresh interpreter for each worker: forking one with BLAS and progress threads may hang.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, context, initializer=_begin)
+    pool = _LocalPool(count, context, initializer=_begin)
     for _ in range(count):  # start all, which takes a second, before there is work
         pool.submit(cores)
     try:

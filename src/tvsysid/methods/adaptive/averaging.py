@@ -229,9 +229,9 @@ def average(estimate: FreeEstimate, known: Sequence[Hypothesis] = ()) -> ModelAv
     return with_other_smear(found, estimate) if is_switching else found
 
 
-def distinct_fits(estimate: FreeEstimate, known: Iterable[Hypothesis]) -> list[SmoothFit]:
+def distinct_fits(estimate: FreeEstimate, hypotheses: Iterable[Hypothesis]) -> list[SmoothFit]:
     """Fit the smooth parts of all hypotheses, those with the same variances only once."""
-    distinct = {each.prior.variances.tobytes(): each.prior for each in known}
+    distinct = {each.prior.variances.tobytes(): each.prior for each in hypotheses}
     return [SmoothFit(estimate, prior) for prior in distinct.values()]
 
 

@@ -36,11 +36,12 @@ class CurveModel(NamedTuple):
     """Explanation of a free estimate: a smooth part, and switches at ``positions``.
 
     ``score`` is that of the :class:`SmoothFit` beside which the switches were found, with switches
-    at exactly these positions and their best size prior. If the positions are refined, ``possible_positions`` holds the positions that each
-    switch may have, and their probabilities. ``log_volume`` is the log of the evidence integrated
-    over these positions in samples, less that of the evidence at the best ones. ``evidence`` is the
-    score with one ``size_prior`` (an index of the result of ``switch_evidence``) instead of the
-    best, plus ``log_volume`` and the log probabilities of this size prior and of an unusual smear.
+    at exactly these positions and their best size prior. If the positions are refined,
+    ``possible_positions`` holds the positions that each switch may have, and their probabilities.
+    ``log_volume`` is the log of the evidence integrated over these positions in samples, less that
+    of the evidence at the best ones. ``evidence`` is the score with one ``size_prior`` (an index of
+    the result of ``switch_evidence``) instead of the best, plus ``log_volume`` and the log
+    probabilities of this size prior and of an unusual smear.
     """
 
     smooth: SmoothFit

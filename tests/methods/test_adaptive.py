@@ -194,6 +194,8 @@ def test_changes_are_described_with_their_probabilities():
         "probability that stiffness changes smoothly between switches: 10 %, is constant: 90 %",
         "the torque of a stretch reflex is separated",
     ]
+    model.reflex = None
+    assert describe_changes(model)[-1] == "no stretch reflex is detected"
 
 
 def test_what_does_not_change_is_constant_and_what_is_smooth_has_no_switch():

@@ -119,6 +119,9 @@ class TwoPathwayModel(ImpulseResponseModel):
         return attrs.evolve(self, diagnostics=attrs.evolve(self.diagnostics, details=details))
 
     def _pathways(self, ensemble: Ensemble) -> dict[str, Array]:
+        return {**super()._pathways(ensemble), "reflex": self._reflex_torque(ensemble)}
+
+    def _reflex_torque(self, ensemble: Ensemble) -> Array:
         first, late = round(self.reflex_lags[0] * self.sampling_rate), len(self.reflex_lags) - 1
         past = driven(ensemble, self.drive, first + late)[:, : late + ensemble.samples]
         filled = np.nan_to_num(np.where(np.isnan(past), mean_known(past), past))
@@ -128,7 +131,7 @@ class TwoPathwayModel(ImpulseResponseModel):
         reflex[np.isnan(past[:, earliest])] = np.nan
         if ensemble.mean_subtracted:
             reflex -= mean_known(reflex)
-        return {**super()._pathways(ensemble), "reflex": reflex}
+        return reflex
 
     def _further_variables(self) -> tuple[Labelled, Labelled]:
         variables, coordinates = super()._further_variables()

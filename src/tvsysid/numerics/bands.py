@@ -110,4 +110,4 @@ def mean_and_spread(values: Array) -> tuple[Array, Array]:
     Both are NaN if there is no value, the standard deviation also if there is one.
     """
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
-        return np.nanmean(values, axis=0), np.nanstd(values, axis=0, ddof=1)
+        return mean_known(values), np.nanstd(values, axis=0, ddof=1)

@@ -178,8 +178,8 @@ class JointCascade(TwoPathwayMethod):
 class JointCascadeModel(TwoPathwayModel):
     """Model of both pathways, whose intrinsic torque follows fast movements.
 
-    ``coefficients`` (time, signal) are those of the signals of which the intrinsic torque is a sum
-    (:func:`tvsysid.methods.cascade.columns.intrinsic_signals`). It is that of the impulse response,
+    The intrinsic torque is a sum of ``coefficients`` (time, signal) times the signals of
+    :func:`tvsysid.methods.cascade.columns.intrinsic_signals`. It is that of the impulse response,
     but for movements that the decimated angle lacks. ``hyperparameters`` are those of the fit with
     the reflex whose gain is stated.
     """
@@ -192,7 +192,7 @@ class JointCascadeModel(TwoPathwayModel):
         intrinsic = np.einsum("ts,srt->rt", self.coefficients, signals)
         if ensemble.mean_subtracted:
             intrinsic -= mean_known(intrinsic)
-        return super()._pathways(ensemble) | {"intrinsic": intrinsic}
+        return {"intrinsic": intrinsic, "reflex": self._reflex_torque(ensemble)}
 
 
 def joint_model(selection: Selection) -> JointCascadeModel:
